@@ -15,7 +15,7 @@ from inim.apps.bench.document import (
 )
 from inim.apps.bench.evaluate import bench_errors
 from inim.apps.bench.front import WRONG_SOURCE
-from inim.apps.bench.page import FILES, bench_csv, bench_page, write_bench
+from inim.apps.bench.page import FILES, bench_csv, bench_page, scene_lines, write_bench
 from inim.display import DISPLAYS
 from inim.scores.document_parts import BackendRecord, DisplayRecord, PictureShape
 from inim.scores.metrics import HEADLINE
@@ -103,3 +103,10 @@ def test_csv_has_a_line_for_each_scene_size_and_algorithm():
     values = [float(first[f"{HEADLINE}{end}"]) for end in ("_low", "", "_high")]
     assert values == [0.89, 0.9, 0.91] and first[f"on_front_{HEADLINE}"] == "True"
     assert rows[1][WRONG_SOURCE] == "" and rows[1]["is_equal"] == "False"
+
+
+def test_lines_of_the_terminal_have_intervals_fronts_and_warnings():
+    name, heads, first, *_, warning = scene_lines(bench_errors(), scene())
+    assert (name.strip(), heads.split()[0]) == ("x", "algorithm")
+    assert "3.00 ± 0.30" in first and "0.9000 ± 0.0100 *" in first
+    assert warning == "warning: x : unequal: mix|er:a=b"

@@ -1,5 +1,7 @@
 """Document of a bench: `bench.json`."""
 
+from collections.abc import Sequence
+
 from inim.scores.document_parts import (
     BackendRecord,
     DisplayRecord,
@@ -17,6 +19,12 @@ class Estimate(Part):
 
     value: float | None  #: Null: infinite, or no pixel shows the relic.
     interval: tuple[float | None, float | None]  #: Its ends; null: unknown or infinite.
+
+    @classmethod
+    def of(cls, value: float, interval: Sequence[float], unit: float = 1.0) -> "Estimate":
+        """A value and its interval, times a unit."""
+        low, high = interval
+        return cls(value=unit * value, interval=(unit * low, unit * high))
 
 
 class TimingRecord(Part):

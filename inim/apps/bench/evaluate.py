@@ -160,8 +160,8 @@ def bench_scene(plan: Plan, size: str, rounds: Rounds, observer: Observer) -> Be
                 is_equal=terms[method.name] == usual_terms,
                 prepare_s=method.prepare_s,
                 **timing.as_data(),
-                time_ms=_estimate(*mean_ratio(timing), 1e3),
-                kernel_times=_estimate(*mean_ratio(timing, kernel)),
+                time_ms=Estimate.of(*mean_ratio(timing), 1e3),
+                kernel_times=Estimate.of(*mean_ratio(timing, kernel)),
                 memory_bytes=memory[method.name],
                 hole_fraction=eia.pop("hole_fraction"),
                 eia=eia,
@@ -201,15 +201,10 @@ def warn_of_others(share: float | None) -> list[str]:
 
 def _wrong(method: TimedMethod, exact: ExactHits | None, front: RGBD) -> np.ndarray | None:
     """Checked panel pixels whose source is not the exact first hit on the front surface."""
-    if (
-        exact is None
-        or not isinstance(method.generator, SourceGenerator)
-        or method.rgbd is not front
-    ):
+    generator = method.generator
+    if exact is None or not isinstance(generator, SourceGenerator) or method.rgbd is not front:
         return None
-    wrong: np.ndarray = (
-        method.generator.sources(method.rgbd)[tuple(exact.pixels.T)] != exact.sources
-    )
+    wrong: np.ndarray = generator.sources(front)[tuple(exact.pixels.T)] != exact.sources
     return wrong
 
 
@@ -228,16 +223,12 @@ def _estimates(entry: Entry) -> dict[str, Estimate]:
         if key == WRONG_SOURCE and entry.wrong is not None:
             count, pixels = int(np.count_nonzero(entry.wrong)), entry.wrong.size
             share = count / pixels
-            interval = (
-                binomial_interval(count, pixels, INTERVAL_LEVEL)
-                if entry.is_sampled
-                else (share, share)
-            )
-            estimates[key] = Estimate(value=share, interval=interval)
+            ends = binomial_interval(count, pixels, INTERVAL_LEVEL)
+            estimates[key] = Estimate.of(share, ends if entry.is_sampled else (share, share))
             continue
         of_views = [(s[key].value, *s[key].interval) for s in entry.scores.values()]
         value, low, high = (fmean(values) for values in zip(*of_views, strict=True))
-        estimates[key] = Estimate(value=value, interval=(low, high))
+        estimates[key] = Estimate.of(value, (low, high))
     return estimates
 
 
@@ -280,8 +271,3 @@ def warn_of_other_work(method: TimedMethod, scored: np.ndarray) -> list[str]:
         f"{method.name}: its timed EIA differs from the scored one in {differs.mean():.1%} of the "
         "pixels; its time is that of other work"
     ]
-
-
-def _estimate(value: float, interval: tuple[float, float], unit: float = 1.0) -> Estimate:
-    low, high = interval
-    return Estimate(value=unit * value, interval=(unit * low, unit * high))

@@ -43,7 +43,7 @@ def bench_page(data: BenchDocument) -> StudyPage:
         "an algorithm. Filled points are on the front: no other algorithm is significantly better "
         "in time or error, and not significantly worse in the other. ≠: unequal rays or colours."
     )
-    tables = [_table(data, scene) for scene in data.scenes]
+    tables = [_table(data.errors, scene) for scene in data.scenes]
     part = PagePart("time", "Time against error", lead, tables, "time", _draw(data))
     displays = dict.fromkeys(scene.display.parameters.name for scene in data.scenes)
     facts = [
@@ -101,12 +101,12 @@ def _precise_time(estimate: Estimate) -> str:
     return MISSING if value is None else precise(value, estimate.interval, _time_digits(value))
 
 
-def _table(data: BenchDocument, scene: BenchScene) -> Table:
+def _table(errors: Sequence[BenchError], scene: BenchScene) -> Table:
     """Time, memory and errors of all algorithms; errors on whose front one is have a star."""
     plain = list(dict.fromkeys(key for a in scene.algorithms for key in a.eia))
     heads = [
         "algorithm", "rays", "ms per EIA", "kernel times", "runs", "memory MiB", "prepare s",
-        *(error.label for error in data.errors), "holes", *(f"EIA {key}, noisy" for key in plain),
+        *(error.label for error in errors), "holes", *(f"EIA {key}, noisy" for key in plain),
     ]  # fmt: skip
     rows = [
         [
@@ -117,7 +117,7 @@ def _table(data: BenchDocument, scene: BenchScene) -> Table:
             str(a.runs),
             MISSING if a.memory_bytes is None else number(a.memory_bytes / _MIB, 1),
             number(a.prepare_s, 3),
-            *(_error_cell(a, error) for error in data.errors),
+            *(_error_cell(a, error) for error in errors),
             per_cent(a.hole_fraction, 2),
             *(number(a.eia.get(key), 3) for key in plain),
         ]
@@ -126,6 +126,16 @@ def _table(data: BenchDocument, scene: BenchScene) -> Table:
     kernel = ["reference kernel", MISSING, milliseconds(scene.yardstick.median_ms), "1"]
     rows.append([*kernel, *[MISSING] * (len(heads) - len(kernel))])
     return Table(f"Time against error: {scene.name}", heads, rows)
+
+
+def scene_lines(errors: Sequence[BenchError], scene: BenchScene) -> list[str]:
+    """Lines for the terminal: times, wrong sources, scores, and warnings."""
+    table = _table(errors, scene)
+    columns = [0, 2, 3, *(table.heads.index(error.label) for error in errors)]
+    cells = [[row[column] for column in columns] for row in (table.heads, *table.rows)]
+    widths = [max(map(len, column)) for column in zip(*cells, strict=True)]
+    lines = ["  ".join(map(str.ljust, row, widths)).rstrip() for row in cells]
+    return [scene.name, *lines, *(f"warning: {scene.name}: {text}" for text in scene.warnings)]
 
 
 def _error_cell(algorithm: BenchAlgorithm, error: BenchError) -> str:

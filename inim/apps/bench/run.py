@@ -11,17 +11,15 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from inim.apps.bench.document import BenchDocument, BenchScene
+from inim.apps.bench.document import BenchDocument
 from inim.apps.bench.evaluate import bench_errors, bench_scene
-from inim.apps.bench.page import FILES, write_bench
+from inim.apps.bench.page import FILES, scene_lines, write_bench
 from inim.display.settings import PREFIX
 from inim.generators import parse_algorithm
 from inim.pipeline.plan import Plan, make_plan
 from inim.pipeline.request import Request
 from inim.pipeline.timing import Rounds, thread_count
-from inim.report.labels import per_cent
 from inim.scores.document_parts import BackendRecord, origin
-from inim.scores.metrics import HEADLINE, HEADLINE_WORDS
 from inim.system.backend import choose_backend
 from inim.system.cache import computation_digests
 from inim.system.errors import UsageError
@@ -114,10 +112,11 @@ def run_job(
     """Entry point in the worker: measure and write."""
     request, plans = job
     observer.stage("start")
-    scenes = []
+    errors, scenes = bench_errors(), []
     for size, plan in plans:
         scenes.append(bench_scene(plan, size, request.rounds, observer))
-        _print_scene(observer, scenes[-1])
+        for line in scene_lines(errors, scenes[-1]):
+            observer.line(line)
     observer.stage("write")
     names = dict.fromkeys(validation.scene.stem for validation in request.validations)
     document = BenchDocument(
@@ -130,27 +129,9 @@ def run_job(
         threading_layer=os.environ.get("NUMBA_THREADING_LAYER", "default"),
         runs=request.rounds.runs,
         warmups=request.rounds.warmups,
-        errors=bench_errors(),
+        errors=errors,
         scenes=scenes,
         files=[],
     )
     write_bench(document, staging)
     return True
-
-
-def _print_scene(observer: Observer, scene: BenchScene) -> None:
-    """Print time and errors of each algorithm, and the warnings of a scene."""
-    observer.line(
-        f"{scene.name}: ms, kernel times, wrong source, {HEADLINE_WORDS}; *: on its front"
-    )
-    width = max(len(algorithm.name) for algorithm in scene.algorithms)
-    for a in scene.algorithms:
-        wrong = a.errors.get("wrong_source")
-        ssim = a.errors[HEADLINE].value
-        observer.line(
-            f"{a.name:{width}}  {a.time_ms.value:9.2f}  {a.kernel_times.value:8.2f}  "
-            f"{per_cent(wrong.value if wrong else None, 2):>8}  {ssim:.4f}"
-            f"{' *' * (HEADLINE in a.fronts)}"
-        )
-    for warning in scene.warnings:
-        observer.line(f"warning: {scene.name}: {warning}")
