@@ -6,19 +6,14 @@ import argparse
 import os
 import sys
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
-
-import numpy as np
+from typing import Any
 
 from inim.apps.bench.page import milliseconds
 from inim.display import Display
-from inim.generators import HOLE, SourceGenerator, Sources
-from inim.image.rgbd import RGBD, LayeredRGBD
+from inim.image.rgbd import RGBD
 from inim.pipeline.timing import REFERENCE_KERNEL, Rounds, TimedMethod, Timing, ratios
 from inim.render.scene_files.two_spheres import two_spheres
 from inim.report.labels import MISSING, number, per_cent
-from inim.scores import metrics
-from inim.scores.metrics import Viewing
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
 from reports.bench.process import run_measured
 
@@ -131,42 +126,3 @@ TIME_COLUMNS: dict[str, Callable[[Mapping[str, Any]], str]] = {
     "kernel times": lambda timing: times(timing["ratio"]),
     "by fastest": lambda timing: times(timing["ratio_min"]),
 }
-
-
-# Used by the paper's experiments until they have scores without noise.
-class EIAWithViews(NamedTuple):
-    """An EIA, and the views that a display shows of it, one per viewpoint.
-
-    Both are (rows, columns, 3) float32, linear RGB.
-    """
-
-    eia: np.ndarray
-    views: Sequence[np.ndarray]
-
-
-def compare(
-    reference: EIAWithViews, test: EIAWithViews, viewing: Sequence[Viewing] = ()
-) -> dict[str, float | None]:
-    """Score an EIA and its views, the mean over all views."""
-    conditions: Sequence[Viewing | None] = viewing or [None] * len(test.views)
-    views = zip(reference.views, test.views, conditions, strict=True)
-    view_scores = [metrics.score(true, view, viewing=eye) for true, view, eye in views]
-    eia_scores = metrics.eia_scores(reference.eia, test.eia)
-    scores: dict[str, float | None] = {f"eia_{key}": value for key, value in eia_scores.items()}
-    for metric in (metric for metric in metrics.all_metrics() if metric.key in view_scores[0]):
-        values = [scores_of_view[metric.key] for scores_of_view in view_scores]
-        scores[f"view_{metric.to_reference_key}"] = float(np.mean(values))
-    return scores
-
-
-def source_errors(method: TimedMethod, exact: Sources, display: Display) -> dict[str, Any]:
-    """Shares of wrong sources and of holes of the timed EIA."""
-    wrong, empty = None, method.out[..., 3] == 0
-    if isinstance(method.generator, SourceGenerator) and not isinstance(method.rgbd, LayeredRGBD):
-        sources = method.generator.sources(method.rgbd)
-        wrong = float(np.mean((sources != exact)[display.lensed]))
-        empty = sources == HOLE
-    return {
-        "wrong_source": wrong,
-        "hole_fraction": float(np.mean(empty[display.lensed])),
-    }

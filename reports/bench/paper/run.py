@@ -1,39 +1,66 @@
-"""Growth of time, the paper's three experiments and claims, and readings of its equations.
+"""Readings of the paper and its rivals on covered pictures; growth of `template`'s time.
 
-    python -m reports.bench.paper.run -o reports/bench/paper
+    python -m reports.bench.paper.run --data ../shared/data -o reports/bench/paper
 
-The study takes several minutes: plain Python is slow.
+The folder `--data` has `rgbd` with a photograph and `relics` with scans; inputs whose files are
+missing are left out. The study takes about a quarter of an hour: plain Python is slow.
 """
 
 from __future__ import annotations
 
+import argparse
 import sys
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 from inim.pipeline.timing import Rounds
-from reports.bench.paper.experiments import bench_paper
+from inim.system.process.machine import cpu_model
+from reports.bench.paper.experiments import FIGURES, PICTURES, SAMPLE, time_all, time_figure
+from reports.bench.paper.inputs import COVERED, DISPLAY, EMPTY, files_of, read_input
 from reports.bench.paper.page import page
-from reports.bench.paper.readings import bench_readings
+from reports.bench.paper.quality import measure_quality
 from reports.bench.paper.scaling import bench_scaling
-from reports.bench.study import add_rounds, doubts, rounds_of
+from reports.bench.study import doubts
 from reports.study import Study
 
 
-def measure(part: str, **options: Any) -> dict[str, Any]:
-    """Measure the growth of time, or the paper's experiments."""
+def measure(part: str, runs: int, files: Sequence[Path] = ()) -> dict[str, Any]:
+    """Measure the growth of time, the paper's figures, or an input by its name."""
     from inim.render import variant
 
     variant.use("llvm")
-    rounds = Rounds(**options)
     if part == "scaling":
-        return bench_scaling(rounds)
-    return {**bench_paper(rounds), "readings": bench_readings()}
+        return bench_scaling(Rounds(runs))
+    if part == "figures":
+        figures = {
+            figure: {picture: time_figure(figure, picture, runs) for picture in PICTURES}
+            for figure in FIGURES
+        }
+        return {"runs": runs, "processor": cpu_model(), "figures": figures}
+    given = read_input(part, files)
+    times = time_all(DISPLAY, given.rgbd, SAMPLE, runs)
+    return {"quality": measure_quality(given), "times": times}
+
+
+def _arguments(parser: argparse.ArgumentParser) -> None:
+    parser.add_argument("--runs", type=int, default=Rounds.runs, help="rounds of all methods (9)")
+    parser.add_argument("--data", type=Path, default=Path("data"), help="photograph and relics")
+
+
+def _cases(args: argparse.Namespace) -> Mapping[str, Mapping[str, Any]]:
+    runs = {"runs": args.runs}
+    inputs = {name: files_of(name, args.data) for name in (*COVERED, EMPTY)}
+    return {part: {"part": part, **runs} for part in ("scaling", "figures")} | {
+        name: {"part": name, **runs, "files": files}
+        for name, files in inputs.items()
+        if all(file.is_file() for file in files)
+    }
 
 
 STUDY = Study(
-    "reports.bench.paper.run", "Bench: synthetic pictures", __doc__, add_rounds,
-    lambda args: {part: {"part": part, **rounds_of(args)} for part in ("scaling", "paper")},
-    measure, page, stem="bench", doubts=doubts,
+    "reports.bench.paper.run", "Bench: readings of the paper", __doc__, _arguments, _cases, measure,
+    page, stem="bench", doubts=doubts,
 )  # fmt: skip
 
 if __name__ == "__main__":
