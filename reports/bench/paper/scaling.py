@@ -19,7 +19,7 @@ LENS_COUNTS = (16, 24, 32, 48, 64, 96, 128, 176, 240)
 PIXELS_PER_PITCH = (1, 2, 3, 4, 5, 6, 7, 8)
 _FIXED_LENSES = 64
 _FIXED_PIXELS_PER_PITCH = 2
-_ALGORITHM = "template"
+_ALGORITHM = "template:samples=1:colour=nearest"
 
 
 def bench_scaling(
@@ -28,7 +28,7 @@ def bench_scaling(
     pixels_per_pitch: Sequence[int] = PIXELS_PER_PITCH,
     fixed_lenses: int = _FIXED_LENSES,
 ) -> dict[str, Any]:
-    """Time `template` and the reference kernel over both sizes."""
+    """Time `template` with one ray and the reference kernel over both sizes."""
     by_display = [_point(square_display(n), _FIXED_PIXELS_PER_PITCH, rounds) for n in lens_counts]
     by_scene = [_point(square_display(fixed_lenses), n, rounds) for n in pixels_per_pitch]
     larger = max(2, (len(by_display) + 1) // 2)
