@@ -116,7 +116,7 @@ def test_each_glass_is_traced_by_a_kernel_of_its_own():
     light = mesh.light(FilmCamera(rays, np.eye(4)))
     with dr.scoped_set_flag(dr.JitFlag.KernelHistory):
         dr.kernel_history_clear()
-        trace_samples(light, np.arange(50), 0, samples=15, seed=0)
+        trace_samples(light, np.arange(50), 0, 15, 0)
         kernels = dr.kernel_history([dr.KernelType.JIT])
     assert [kernel["size"] for kernel in kernels].count(50 * 15) == 3
 
