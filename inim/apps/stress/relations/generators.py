@@ -199,7 +199,7 @@ def _against_first_hits(
 def _first_hits(algorithm: str, effort: int) -> Iterator[Deviation]:
     """Every source is the first surface on the ray of its pixel, in rational numbers."""
     for name, (display, rgbd) in _pictures(effort):
-        yield _against_first_hits(name, algorithm, display, rgbd, 12 + 12 * effort)
+        yield _against_first_hits(name, algorithm, display, rgbd, 36 if effort > 1 else 12)
 
 
 def _growth(
