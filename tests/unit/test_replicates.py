@@ -6,7 +6,14 @@ import numpy as np
 import pytest
 
 from inim.image.noisy_image import NoisyImage
-from inim.scores.regression.scores import difference, is_above, view_scores
+from inim.scores.metrics import HEADLINE_TO_SCENE
+from inim.scores.regression.scores import (
+    difference,
+    half_width,
+    headline_half_width,
+    is_above,
+    view_scores,
+)
 
 
 def test_halves_of_replicates_are_the_means_of_their_halves():
@@ -152,6 +159,18 @@ def test_order_of_replicates_and_mirrors_change_nothing():
             assert score.value == pytest.approx(expected[key].value, abs=2e-5)
             # Blocks begin at the left.
             assert score.value_error == pytest.approx(expected[key].value_error, rel=0.1)
+
+
+@pytest.mark.parametrize("has_replicates", [True, False])
+def test_uncertainty_of_the_headline_is_that_of_its_interval(has_replicates):
+    first, second = pair(np.random.default_rng(4), 8, "normal")
+    if not has_replicates:
+        first, second = (NoisyImage.from_halves(*image.halves()) for image in (first, second))
+    region = np.zeros(first.shape, bool)
+    region[8:40, 8:30] = True
+    scores = view_scores(first, second, region)
+    assert headline_half_width(first, second, region) == half_width(scores[HEADLINE_TO_SCENE])
+    assert headline_half_width(first, second, np.zeros_like(region)) == 0
 
 
 def test_difference_of_scores_omits_the_noise_that_they_share():
