@@ -14,9 +14,9 @@ from inim.scores.regression.scores import ScoreEstimate
 PIXELS = 1000
 
 
-def entry(ms, ssim, ssim_error=0.001, time_noise=0.01, wrong=None, is_sampled=True, seed=0):
-    """An entry with nine runs; `wrong` is the number of the first pixels that are wrong."""
-    noise = np.random.default_rng([seed, round(1e6 * ms)]).normal(0, time_noise, 9)
+def entry(ms, ssim, ssim_error=0.001, time_noise=0.01, wrong=None, is_sampled=True, seed=0, runs=9):
+    """An entry; `wrong` is the number of the first pixels that are wrong."""
+    noise = np.random.default_rng([seed, round(1e6 * ms)]).normal(0, time_noise, runs)
     timing = Timing(1.0, tuple(ms / 1e3 * np.exp(noise)))
     score = ScoreEstimate(ssim, 0, 1, 0, ssim, (0, 1), ssim_error, 30)
     mask = None if wrong is None else np.arange(PIXELS) < wrong
@@ -51,6 +51,12 @@ def test_many_entries_raise_the_level():
     """About one of twenty equal ones would beat another at the level of a single test."""
     noisy = {f"e{n}": entry(1 + 1e-6 * n, 0.9, seed=n) for n in range(20)}
     assert len(on_front(**noisy)) == 20
+
+
+def test_few_runs_exclude_no_fast_entry():
+    """Three runs show a factor of 30 at the level of one test, not at that of all pairs."""
+    noisy = {f"e{n}": entry(30 + n, 0.9, time_noise=0.2, runs=3, seed=n) for n in range(10)}
+    assert "fast" in on_front(fast=entry(1, 0.7, time_noise=0.2, runs=3), **noisy)
 
 
 def test_wrong_sources_are_compared_pixel_by_pixel():

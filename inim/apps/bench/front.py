@@ -41,7 +41,8 @@ def fronts(entries: Mapping[str, Entry]) -> dict[str, list[str]]:
     """Errors on whose fronts each entry is, by name.
 
     An entry is on the front of an error unless another is significantly better in time or in the
-    error, and not significantly worse in the other. The level is corrected for the number of pairs.
+    error, and not significantly worse in the other. The level of better is corrected for the number
+    of pairs; that of worse is not, so that few runs exclude no entry. A single run excludes none.
     """
     keys = list(dict.fromkeys(key for entry in entries.values() for key in entry.keys))
     level = sidak(INTERVAL_LEVEL, max(1, len(entries) * (len(entries) - 1) // 2))
@@ -49,14 +50,21 @@ def fronts(entries: Mapping[str, Entry]) -> dict[str, list[str]]:
     for key in keys:
         rivals = {name: entry for name, entry in entries.items() if key in entry.keys}
         for name, entry in rivals.items():
-            compared = (
-                (_sign_of_times(entry, other, level), _sign_of_errors(key, entry, other, level))
-                for other in rivals.values()
-                if other is not entry
-            )
-            if not any(max(signs) > 0 and min(signs) >= 0 for signs in compared):
+            others = [other for other in rivals.values() if other is not entry]
+            if not any(_is_beaten(key, entry, other, level) for other in others):
                 result[name].append(key)
     return result
+
+
+def _is_beaten(key: str, entry: Entry, other: Entry, level: float) -> bool:
+    """True if an entry is worse at a level than another, and not better at the usual level."""
+    if min(len(entry.timing.times_s), len(other.timing.times_s)) < 2:
+        return False
+    strict, usual = (
+        (_sign_of_times(entry, other, level), _sign_of_errors(key, entry, other, level))
+        for level in (level, INTERVAL_LEVEL)
+    )
+    return max(strict) > 0 and min(usual) >= 0
 
 
 def _sign(interval: Sequence[float], neutral: float = 0.0) -> int:
