@@ -51,7 +51,7 @@ def test_a_change_of_the_loop_of_wang2024_names_the_result_and_the_sentences(cop
     assert last == "fresh   reports/bench/views"
     assert not is_clean
     text = "\n".join(sentences)
-    for page in ("README.md", "docs/theory/speed.md"):
+    for page in ("README.md", "docs/theory/speed.md", "docs/theory/paper.md"):
         assert f"        {page}:" in text
     for sentence in sentences:  # each stands on the line that is named
         page, line, words = sentence.strip().split(":", 2)
