@@ -149,12 +149,12 @@ def repository(tmp_path_factory, run_inim):
     install_metadata(site, "planted", "[inim.generators]\nplanted = planted:prepare\n")
     (site / "planted.py").write_text(PLANTED)
     paths = [str(site), os.environ.get("PYTHONPATH", "")]
-    made = Repository(folder, run_inim, os.pathsep.join(filter(None, paths)))
-    ended = made.run("first", Change("none"))
+    created = Repository(folder, run_inim, os.pathsep.join(filter(None, paths)))
+    ended = created.run("first", Change("none"))
     assert ended.code == EXIT_PASSED, ended.stderr
     words = ["accept", str(folder / "first"), "--reason", "the first", "--to", str(folder / "base")]
     assert main(words) == EXIT_PASSED
-    return made
+    return created
 
 
 @pytest.mark.parametrize("change", CHANGES, ids=lambda change: change.name)
