@@ -68,9 +68,9 @@ def test_an_interval_contains_the_median_as_often_as_stated(count):
     ((2.1, 3), "yes"), ((1.9, 3), "depends"), ((1, 1.5), "depends"),
 ])  # fmt: skip
 def test_a_verdict_is_yes_only_if_every_interval_is_above_the_limit(second, word):
-    found = verdict({"a": (2.5, 2.6), "b": second}, 2.0)
-    assert found["verdict"] == word
-    assert bool(found["condition"]) == (word == "depends")
+    result = verdict({"a": (2.5, 2.6), "b": second}, 2.0)
+    assert result["verdict"] == word
+    assert bool(result["condition"]) == (word == "depends")
     assert verdict({"a": (1, 2), "b": (0.5, 0.6)}, 2.0)["verdict"] == "no"
 
 
@@ -94,17 +94,17 @@ def results(ratio, growth=1.0):
     }  # fmt: skip
     points = [{"size": n, "pixels": n, "covered": 1.0, "times": times(n)} for n in (1, 10, 100)]
     figures = {f"Fig. {n}": dict.fromkeys((WAVES, EMPTY), points) for n in (12, 13, 14)}
-    found = {name: {"quality": quality, "times": times(1)} for name in (WAVES, EMPTY)}
+    measured = {name: {"quality": quality, "times": times(1)} for name in (WAVES, EMPTY)}
     paper = {"runs": 6, "processor": "x", "figures": figures}
-    return {**found, "figures": paper}
+    return {**measured, "figures": paper}
 
 
 @pytest.mark.parametrize(("ratio", "growth", "verdicts"), [
     (2.1, 0.9, "yes yes yes yes"), (2.0, 1.0, "no yes no no"), (0.9, 1.1, "no no no no"),
 ])  # fmt: skip
 def test_claims_follow_the_measured_times(ratio, growth, verdicts):
-    found = results(ratio, growth)
-    checked = claims(found, found["figures"]["figures"])
+    measured = results(ratio, growth)
+    checked = claims(measured, measured["figures"]["figures"])
     words = ("twice as fast as gu2020", "the fastest", "scene pixels", "number of elemental")
     for word, expected in zip(words, verdicts.split(), strict=True):
         word = "with elemental" if "number" in word else word
@@ -114,18 +114,17 @@ def test_claims_follow_the_measured_times(ratio, growth, verdicts):
 
 
 def test_the_study_runs_without_files_and_lists_what_it_left_out(renderer, tmp_path, monkeypatch):
-    """With small sizes."""
     args = run.STUDY.parse(["--data", str(tmp_path), "--runs", "1"])
     assert {*run.STUDY.cases(args)} == {"scaling", "figures", *inputs.SCENES, WAVES, EMPTY}
     monkeypatch.setattr("reports.bench.paper.run.SAMPLE", slice(0, 1))
     points = [(DISPLAY, 1), (square_display(3, 9), 2)]
     monkeypatch.setattr("reports.bench.paper.experiments.figure_points", lambda _: points)
-    given = inputs.read_input(WAVES, [])
-    assert given.rgbd.shape == (200, 200) and given.rgbd.covered.all()
-    found = {part: run.measure(part, 1) for part in ("figures", WAVES)}
-    found[EMPTY] = found[WAVES]
-    found["scaling"] = bench_scaling(run.Rounds(1, 1), (1, 4), (1, 3), 2)
-    remarks, parts = page(found)
+    source = inputs.read_input(WAVES, [])
+    assert source.rgbd.shape == (200, 200) and source.rgbd.covered.all()
+    measured = {part: run.measure(part, 1) for part in ("figures", WAVES)}
+    measured[EMPTY] = measured[WAVES]
+    measured["scaling"] = bench_scaling(run.Rounds(1, 1), (1, 4), (1, 3), 2)
+    remarks, parts = page(measured)
     assert any("photograph, Athena, Hermes, jade, tripod" in remark for remark in remarks)
     assert [part.plot for part in parts] == ["paper", ""]
-    assert {*READINGS} < {*found[WAVES]["times"]}
+    assert {*READINGS} < {*measured[WAVES]["times"]}

@@ -38,9 +38,9 @@ def measure(part: str, runs: int, files: Sequence[Path] = ()) -> dict[str, Any]:
             for figure in FIGURES
         }
         return {"runs": runs, "processor": cpu_model(), "figures": figures}
-    given = read_input(part, files)
-    times = time_all(DISPLAY, given.rgbd, SAMPLE, runs)
-    return {"quality": measure_quality(given), "times": times}
+    source = read_input(part, files)
+    times = time_all(DISPLAY, source.rgbd, SAMPLE, runs)
+    return {"quality": measure_quality(source), "times": times}
 
 
 def _arguments(parser: argparse.ArgumentParser) -> None:
