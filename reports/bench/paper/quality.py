@@ -41,18 +41,18 @@ PRINTED_DEPTHS = "Eq. 4: depths as printed, clipped to z_max"
 _RIVALS = (GU, LI, TEMPLATE)
 
 
-def measure_quality(source: Input) -> dict[str, Any]:
+def measure_quality(picture: Input) -> dict[str, Any]:
     """Measure the sources and scores of all readings and rivals on an input.
 
     `deviations` are the share of changed sources, and the PSNR minus that of the recommended
     reading. `ssim` and `differences` (of the first method minus the second) have a value and the
     ends of its interval.
     """
-    rgbd = source.rgbd
+    rgbd = picture.rgbd
     sources = {name: sources_of(reading, DISPLAY, rgbd) for name, reading in READINGS.items()}
     sources |= {name: find_sources(rgbd, DISPLAY, name) for name in _RIVALS}
     exact = sources[TEMPLATE]
-    psnr = {name: psnr_db(source.eia, colour_of(s, rgbd)) for name, s in sources.items()}
+    psnr = {name: psnr_db(picture.eia, colour_of(s, rgbd)) for name, s in sources.items()}
     deviations = {}
     flat = replace(rgbd, depth_mm=np.full(rgbd.shape, np.float32(DISPLAY.depth_range_mm[1])))
     changed = {PRINTED_DEPTHS: sources_of(Reading(), DISPLAY, flat)}
@@ -60,10 +60,10 @@ def measure_quality(source: Input) -> dict[str, Any]:
     for name, other in changed.items():
         deviations[name] = {
             "changed": float(np.mean(other != sources[RECOMMENDED])),
-            "db": psnr_db(source.eia, colour_of(other, rgbd)) - psnr[RECOMMENDED],
+            "db": psnr_db(picture.eia, colour_of(other, rgbd)) - psnr[RECOMMENDED],
         }
     scores = {
-        name: view_scores(source.view, _view(s, source), keys=[MAIN.key])[MAIN.key]
+        name: view_scores(picture.view, _view(s, picture), keys=[MAIN.key])[MAIN.key]
         for name, s in sources.items()
     }
     differences: dict[str, dict[str, list[float]]] = {}
@@ -88,12 +88,12 @@ def _views() -> DisplayViews:
     return DisplayViews(eyes, optics, Renderer("auto", Observer()), run=Run())
 
 
-def _view(sources: Sources, source: Input) -> NoisyImage:
+def _view(sources: Sources, picture: Input) -> NoisyImage:
     """View of the EIA of copied colours; its replicates are those of the picture."""
     observed = None
-    if source.parts:
+    if picture.parts:
         of_observed = sources[_views().observed][None]
-        observed = np.concatenate([colour_of(of_observed, part) for part in source.parts])
-    eia = NoisyEIA((colour_of(sources, source.rgbd), None), observed=observed)
+        observed = np.concatenate([colour_of(of_observed, part) for part in picture.parts])
+    eia = NoisyEIA((colour_of(sources, picture.rgbd), None), observed=observed)
     (view,) = reconstruct_views("", eia, _views(), run=Run()).values()
     return view

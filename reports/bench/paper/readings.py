@@ -199,7 +199,7 @@ def _first_hit(depth, rows, columns, u0, du, v0, dv, depths):
 
 
 def search_arrays(rays: Search, depth: np.ndarray, reading: Reading) -> Sources:
-    """Search like `search_all` with NumPy: for each ray the matrix, or array, of the picture's depths.
+    """Search with NumPy: for each ray the matrix, or array, of the depths of the picture.
 
     The picture is padded. Consecutive rows and columns are slices of it.
     """
