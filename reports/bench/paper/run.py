@@ -61,6 +61,9 @@ def _cases(args: argparse.Namespace) -> Mapping[str, Mapping[str, Any]]:
 STUDY = Study(
     "reports.bench.paper.run", "Bench: readings of the paper", __doc__, _arguments, _cases, measure,
     page, stem="bench", doubts=doubts,
+    code=("inim/display", "inim/generators", "inim/image", "inim/pipeline/stages",
+          "inim/pipeline/timing.py", "inim/render", "inim/scores/metrics",
+          "inim/scores/regression/noise_free.py", "inim/scores/regression/scores.py"),
 )  # fmt: skip
 
 if __name__ == "__main__":
