@@ -98,6 +98,7 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
         scene_images = last if scene_images is None else scene_images.merged(last)
         reference_views = reconstruct_views("reference", scene_images.eia, display_views, run=run)
         truth = collect_ground_truth(scene_images, reference_views, viewing, is_whole=mask is None)
+        truth = replace(truth, has_intervals=not plan.request.preview)
         if sampling.is_last:
             break
         method_views = []

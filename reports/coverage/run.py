@@ -175,12 +175,8 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
     modes: dict[str, dict[str, dict[str, Any]]] = {}
     for name, case in results.items():
         scene, mode = name.split("/")
-        for key, draws in case["draws"].items():
-            # JSON has no infinite ends.
-            modes.setdefault(mode, {}).setdefault(key, {})[scene] = [
-                [value, -math.inf if low is None else low, math.inf if high is None else high, best]
-                for value, low, high, best in draws
-            ]
+        for key, draws in _with_infinite_ends(case["draws"]).items():
+            modes.setdefault(mode, {}).setdefault(key, {})[scene] = draws
     seeds = {case["seeds"] for case in results.values()}
     heads = ["algorithm and score", "bias", "worst relic", "rms", "coverage", "lowest", "width"]
     parts = []
@@ -194,8 +190,9 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
     headline = f"{ALGORITHMS[0]} {MAIN.on_relic_key} to reference"
     rows = []
     for name, case in results.items():
-        widths = [high - low for _, low, high, _ in case["draws"][headline]]
-        errors = [value - best for value, _, _, best in case["draws"][headline]]
+        draws = _with_infinite_ends(case["draws"])[headline]
+        widths = [high - low for _, low, high, _ in draws]
+        errors = [value - best for value, _, _, best in draws]
         rms = math.sqrt(fmean(error**2 for error in errors))
         counts = map(str, case["samples"].values())
         rows.append([name, *counts, f"{case['cpu_s']:.1f}", f"{fmean(widths):.4f}", f"{rms:.4f}"])
@@ -207,6 +204,17 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         f"Target: {low:.0%} to {high:.0%} of the intervals contain the score.",
         "The width is the mean of finite intervals; one of PSNR may have no upper end.",
     ], parts
+
+
+def _with_infinite_ends(draws: Mapping[str, Sequence[Any]]) -> dict[str, list[_Draw]]:
+    """Draws by score from JSON, which has null instead of infinite ends."""
+    return {
+        key: [
+            (value, -math.inf if low is None else low, math.inf if high is None else high, best)
+            for value, low, high, best in rows
+        ]
+        for key, rows in draws.items()
+    }
 
 
 def measure(scene: Path, mode: str, seeds: int, draws: int) -> dict[str, Any]:

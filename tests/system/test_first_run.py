@@ -43,6 +43,10 @@ def test_preview_is_marked_everywhere_with_the_full_command(previewed):
     full = data["preview"]["full_command"]
     assert full.startswith("inim validate ")
     assert "--preview" not in full
+    # Too few samples for intervals: `reports/coverage/preview`.
+    for result in data["algorithms"].values():
+        for scores in result["precision"].values():
+            assert all(score["interval"] == [None, None] for score in scores.values())
     assert "--preview" in data["command"]
     for name in ("summary.md", "report.html"):
         text = (folder / "out" / name).read_text("utf-8")

@@ -200,7 +200,8 @@ class GroundTruth:
     share of the EIA's pixels that the panel cannot show. `regions`, (rows, columns) bool, are the
     relic's, the same for all methods. `reference_views` are the views of the ground-truth EIA.
     `viewing` is None without a metric that needs it. Unless `is_rendered`, all of it follows from a
-    picture (`inim.pipeline.stages.picture`), and it is not `is_whole`.
+    picture (`inim.pipeline.stages.picture`), and it is not `is_whole`. Scores have no intervals
+    unless `has_intervals`: those of few samples do not contain the score.
     """
 
     display: Display
@@ -214,6 +215,7 @@ class GroundTruth:
     checks: tuple[Check, ...] = ()
     warnings: tuple[str, ...] = ()
     is_rendered: bool = True
+    has_intervals: bool = True
 
     def conditions(self, view: str) -> tuple[np.ndarray, Viewing | None]:
         """Relic region and viewing conditions under which a view is scored."""

@@ -182,12 +182,20 @@ def reported_scores(
 
 def _score_against_truth(truth: GroundTruth, viewpoint: str, view: NoisyImage, run: Run) -> Scores:
     """Score a view against the ground-truth view and against the reference view."""
-    conditions = truth.conditions(viewpoint)
-    to_scene = score_view(truth.views[viewpoint], view, *conditions, run=run)
-    to_reference = score_view(truth.reference_views[viewpoint], view, *conditions, run=run)
+    to_scene = _score_view(truth.views[viewpoint], view, truth, viewpoint, run)
+    to_reference = _score_view(truth.reference_views[viewpoint], view, truth, viewpoint, run)
     names = {metric.key: metric.to_reference_key for metric in metrics.all_metrics()}
     names |= {m.on_relic_key: m.on_relic_to_reference_key for m in metrics.all_metrics()}
     return to_scene | {names[key]: score for key, score in to_reference.items()}
+
+
+def _score_view(
+    reference: NoisyImage, test: NoisyImage, truth: GroundTruth, viewpoint: str, run: Run
+) -> Scores:
+    scores = score_view(reference, test, *truth.conditions(viewpoint), run=run)
+    if truth.has_intervals:
+        return scores
+    return {name: score.without_interval for name, score in scores.items()}
 
 
 def _score_eia(
@@ -204,9 +212,7 @@ def _score_eia(
 def score_reference_views(truth: GroundTruth, *, run: Run) -> dict[str, Scores]:
     """Score the reference views against the ground-truth views, by viewpoint."""
     calls = {
-        name: partial(
-            score_view, view, truth.reference_views[name], *truth.conditions(name), run=run
-        )
+        name: partial(_score_view, view, truth.reference_views[name], truth, name, run)
         for name, view in truth.views.items()
     }
     return run_in_threads(truth, calls, run)

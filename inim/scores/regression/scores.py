@@ -96,6 +96,11 @@ class ScoreEstimate:
     #: `MeanEstimate.responses` of the score; None without replicates.
     responses: np.ndarray | None = None
 
+    @property
+    def without_interval(self) -> ScoreEstimate:
+        """The same with an unknown interval."""
+        return replace(self, interval=(-math.inf, math.inf), value_error=math.inf, responses=None)
+
     def as_record(self) -> EstimateRecord:
         """Return the compared values for a baseline's JSON, to nine digits; null: not finite."""
         values = {
