@@ -4,6 +4,7 @@ Expected: each is a schema and describes each key; the committed documents keep 
 """
 
 import copy
+import re
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -26,8 +27,12 @@ OWN_KIND = {
     *(path for name in OWN_STUDIES for path in ROOT.glob(f"reports/{name}/*.json")),
     *ROOT.glob("reports/gallery/**/entry.json"),
     ROOT / "reports/gallery/gallery.json",
-    # Results of earlier versions of the bench, which had a document of its own for studies.
-    *(p for p in ROOT.glob("reports/bench/*/*.json") if '"inim.bench/2"' in p.read_text("utf-8")),
+    # Studies, whose class reads them, and results of earlier versions of the bench.
+    *(
+        path
+        for path in ROOT.glob("reports/**/*.json")
+        if re.match(r'{\s*"schema": ?"inim\.(study/1|bench/2)"', path.read_text("utf-8"))
+    ),
     *ROOT.glob("reports/**/.*-files.json"),  # lists of the files of an output folder
 }
 COMMITTED = sorted(set(ROOT.glob("reports/**/*.json")) - OWN_KIND)
