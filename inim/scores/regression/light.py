@@ -16,7 +16,7 @@ import numpy as np
 
 from inim.image.noisy_image import NoisyImage
 from inim.scores.regression.noise_free import error_of_responses, sum_blocks
-from inim.scores.regression.scores import LIGHT, ScoreEstimate
+from inim.scores.regression.scores import LIGHT, ScoreEstimate, common_replicates
 
 _COLOURS = ("red", "green", "blue")
 
@@ -62,9 +62,8 @@ def _estimate(sums: np.ndarray, noise: np.ndarray | None = None) -> ScoreEstimat
 
 def _parts(reference: NoisyImage, test: NoisyImage) -> tuple[np.ndarray, np.ndarray]:
     """Independent parts of both images, as many of each: replicates, or halves."""
-    replicates = reference.replicates, test.replicates
-    if replicates[0] is not None and replicates[1] is not None:
-        return replicates[0], replicates[1]
+    if replicates := common_replicates(reference, test):
+        return replicates
     old, new = (np.stack(image.halves()) for image in (reference, test))
     return old, new
 

@@ -148,7 +148,7 @@ def view_scores(
     with_map = [metric for metric in metrics if maps[metric.key].ndim]
 
     noise_free: Mapping[str, Estimator] = {}
-    if replicates := _replicates(reference, test):
+    if replicates := common_replicates(reference, test):
         noise_free = estimators(metrics, *replicates, viewing)
     steps = _STEPS[:2] if noise_free else _STEPS
     step_maps = [
@@ -184,7 +184,7 @@ def headline_half_width(reference: NoisyImage, test: NoisyImage, region: np.ndar
 
     With replicates, the score with noise, which such an interval does not need, is not computed.
     """
-    replicates = _replicates(reference, test)
+    replicates = common_replicates(reference, test)
     if not replicates or MAIN.noise_free is None:
         scores = view_scores(reference, test, region, [MAIN.key])
         return half_width(scores[MAIN.on_relic_key])
@@ -195,7 +195,7 @@ def headline_half_width(reference: NoisyImage, test: NoisyImage, region: np.ndar
     return half_width(_score_from_mean(MAIN, ScoreEstimate(math.nan, math.nan, 1, math.nan), mean))
 
 
-def _replicates(
+def common_replicates(
     reference: NoisyImage, test: NoisyImage
 ) -> tuple[np.ndarray, np.ndarray] | tuple[()]:
     """Replicates of both images, or nothing if an image has none."""

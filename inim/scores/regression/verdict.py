@@ -138,6 +138,8 @@ def within(
 #: inputs changed.
 BETTER: str = "better"
 _INPUTS = "inputs changed"
+# Kinds of checks that decide if inputs changed.
+_DECIDING = ("score", "light")
 
 
 def judge(
@@ -160,8 +162,8 @@ def judge(
         )
         return "not comparable", [*checks, missing]
     if inputs_changed:
-        is_changed = any(check.kind in ("score", "light") for check in failed)
-        excused = [c for c in failed if allow_changed_inputs or c.kind not in ("score", "light")]
+        is_changed = any(check.kind in _DECIDING for check in failed)
+        excused = [c for c in failed if allow_changed_inputs or c.kind not in _DECIDING]
         verdict: Verdict = (
             "inputs changed, scores changed"
             if is_changed
