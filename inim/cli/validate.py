@@ -262,10 +262,12 @@ def _compare(args: argparse.Namespace) -> int:
 
 def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
-        "Draw a figure of a report: views of one viewpoint with magnified insets, error maps, "
+        "Draw a figure of reports: views of one viewpoint with magnified insets, error maps, "
         "scores with 95 % intervals, and run time against error."
     )
-    parser.add_argument("report", type=Path, metavar="REPORT", help="folder of a report")
+    parser.add_argument(
+        "reports", nargs="+", type=Path, metavar="REPORT", help="folder of a report"
+    )
     add_shared(parser, out="file to write: .pdf, .svg, .png or .eps (default: figure.pdf)")
     parser.add_argument(
         "--parts",
@@ -304,7 +306,9 @@ def _figure(args: argparse.Namespace) -> int:
             insets.append(Inset(*map(float, text.split(","))))
         except (TypeError, ValueError):
             raise UsageError(f"--inset {text}: write X,Y,SIDE, such as 0.5,0.4,0.2") from None
-    report = Report.load(args.report)
+    reports = [Report.load(folder) for folder in args.reports]
+    if args.maps and len(reports) > 1:
+        raise UsageError("--maps: give a single report, because the files are named by viewpoint")
     request = FigureRequest(
         tuple(part.strip() for part in args.parts.split(",") if part.strip()),
         args.viewpoint,
@@ -314,8 +318,8 @@ def _figure(args: argparse.Namespace) -> int:
     )
     path = args.out or Path("figure.pdf")
     with published_together():
-        write_figure(report, request, path)
-        maps = write_error_maps(report, request, args.maps) if args.maps else []
+        write_figure(reports, request, path)
+        maps = write_error_maps(reports[0], request, args.maps) if args.maps else []
     print_outcome(f"figure: {path}")
     if maps:
         print_outcome(f"{len(maps)} error maps: {args.maps}")

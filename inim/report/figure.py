@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -15,7 +16,7 @@ from inim.image.color import srgb_from_linear
 from inim.image.files.image import read_exr, write_exr_parts
 from inim.report import TRUTH, plots
 from inim.report.labels import is_number, number
-from inim.report.score_table import REFERENCE, ScoreTable
+from inim.report.score_table import REFERENCE, ScoreTable, named_relics
 from inim.report.sections.time_against_error import times_of
 from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
 from inim.system.errors import FileError, UsageError, suggest_words
@@ -33,7 +34,7 @@ _PLOT_SHARE = 0.42  # height of a plot, of the figure's width
 _CAPTION_SHARE = 0.055
 _FONT = 7
 _IMAGE_MARGINS = {"left": 0.005, "right": 0.995, "bottom": 0.01, "wspace": 0.03, "hspace": 0.03}
-_PLOT_MARGINS = {"left": 0.11, "right": 0.8, "bottom": 0.18, "top": 0.94}
+_PLOT_MARGINS = {"left": 0.14, "right": 0.8, "bottom": 0.18, "top": 0.94}
 _HEADLINE_LINES = HEADLINE_WORDS.replace(", ", ",\n")
 
 
@@ -89,52 +90,74 @@ class FigureRequest:
         return replace(self, viewpoint=viewpoint, algorithms=algorithms)
 
 
-def write_figure(report: Report, request: FigureRequest, path: Path) -> None:
-    """Draw a figure of a report into a file.
+def write_figure(reports: Sequence[Report], request: FigureRequest, path: Path) -> None:
+    """Draw a figure of one or several reports into a file.
 
     Raises `UsageError`: an unknown part, name or format. Raises `FileError`: an image of the report
     is missing.
     """
     if path.suffix.lower() not in FORMATS:
         raise UsageError(f"{path}: use a name that ends in {', '.join(FORMATS)}")
-    figure = draw_figure(report, request)
+    figure = draw_figure(reports, request)
     metadata = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(path.suffix.lower())
 
-    def save(partial: Path) -> None:
+    def save(unfinished: Path) -> None:
         with plots.reproducible():
             form = path.suffix[1:].lower()
-            figure.savefig(partial, format=form, dpi=_DPI, metadata=metadata)
+            figure.savefig(unfinished, format=form, dpi=_DPI, metadata=metadata)
 
     write_atomically(path, save)
 
 
-def draw_figure(report: Report, request: FigureRequest) -> Any:
-    """Draw a figure of a report: a matplotlib Figure; errors as of `write_figure`."""
-    request = request.checked(report)
-    images = _read_views(report, request.viewpoint, request.algorithms)
-    rows, columns = next(iter(images.values())).shape[:2]
+def draw_figure(reports: Sequence[Report], request: FigureRequest) -> Any:
+    """Draw a figure of reports: a matplotlib Figure; errors as of `write_figure`.
+
+    Each report has its own views, error maps and run times, below its title if there are several.
+    One plot has the scores of all.
+    """
     width = request.width_mm / MM_PER_INCH
-    tile = width / len(images) * rows / columns
-    inset = width / len(images) / len(request.insets) if request.insets else 0.0
-    heights = {
-        "views": tile + _CAPTION_SHARE * width + inset,
-        "errors": tile + _CAPTION_SHARE * width,
-        "scores": _PLOT_SHARE * width,
-        "time": _PLOT_SHARE * width,
-    }
-    drawers: dict[str, Callable[[Any], None]] = {
-        "views": lambda part: _draw_views(part, report, request, images),
-        "errors": lambda part: _draw_errors(part, images),
-        "scores": lambda part: _draw_scores(part, report, request),
-        "time": lambda part: _draw_time(part, report, request),
-    }
-    sizes = [heights[part] for part in request.parts]
+    relics = named_relics(reports)
+    requests = {relic: request.checked(report) for relic, report in relics.items()}
+    drawers: list[tuple[float, Callable[[Any], None]]] = []
+    for part in request.parts:
+        if part == "scores":
+            drawers.append((_PLOT_SHARE * width, partial(_draw_scores, relics, requests)))
+            continue
+        for relic, report in relics.items():
+            size, draw = _part_of(part, report, requests[relic], width)
+            if len(relics) > 1:
+                size, draw = size + _CAPTION_SHARE * width, partial(_draw_below, relic, size, draw)
+            drawers.append((size, draw))
+    sizes = [size for size, _ in drawers]
     # Fixed margins: the solver of automatic layouts differs in the last bits from run to run.
     figure = plots.blank_figure((width, sum(sizes)))
     parts = figure.subfigures(len(sizes), 1, height_ratios=sizes, squeeze=False).ravel()
-    for name, part in zip(request.parts, parts, strict=True):
-        drawers[name](part)
+    for (_, draw), part in zip(drawers, parts, strict=True):
+        draw(part)
     return figure
+
+
+def _part_of(
+    part: str, report: Report, request: FigureRequest, width: float
+) -> tuple[float, Callable[[Any], None]]:
+    """Height in inches and drawer of a report's part of a figure."""
+    if part == "time":
+        return _PLOT_SHARE * width, partial(_draw_time, report, request)
+    images = _read_views(report, request.viewpoint, request.algorithms)
+    rows, columns = next(iter(images.values())).shape[:2]
+    height = width / len(images) * rows / columns + _CAPTION_SHARE * width
+    if part == "errors":
+        return height, partial(_draw_errors, images)
+    inset = width / len(images) / len(request.insets) if request.insets else 0.0
+    return height + inset, partial(_draw_views, report, request, images)
+
+
+def _draw_below(title: str, size: float, draw: Callable[[Any], None], part: Any) -> None:
+    """Draw a part of `size` inches below a title."""
+    title_size = part.bbox.height / part.figure.dpi - size
+    top, body = part.subfigures(2, 1, height_ratios=(title_size, size))
+    top.text(0.005, 0.3, title, fontsize=_FONT + 1, fontweight="bold", color=plots.INK)
+    draw(body)
 
 
 def write_error_maps(report: Report, request: FigureRequest, folder: Path) -> list[Path]:
@@ -182,7 +205,7 @@ def _caption(report: Report, request: FigureRequest, name: str) -> str:
 
 
 def _draw_views(
-    part: Any, report: Report, request: FigureRequest, images: dict[str, np.ndarray]
+    report: Report, request: FigureRequest, images: dict[str, np.ndarray], part: Any
 ) -> None:
     rows, columns = images[TRUTH].shape[:2]
     ratios = [rows / columns, *([1 / len(request.insets)] if request.insets else [])]
@@ -239,7 +262,7 @@ def _show(axis: Any, pixels: np.ndarray, title: str, **options: Any) -> Any:
     return image
 
 
-def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
+def _draw_errors(images: dict[str, np.ndarray], part: Any) -> None:
     names = [name for name in images if name != TRUTH]
     margins = _IMAGE_MARGINS | {"right": 0.94}
     axes = part.subplots(1, len(images), squeeze=False, gridspec_kw=margins)[0]
@@ -256,16 +279,27 @@ def _draw_errors(part: Any, images: dict[str, np.ndarray]) -> None:
     bar.ax.tick_params(labelsize=_FONT - 1)
 
 
-def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
-    table = ScoreTable.of(report, [HEADLINE])
-    viewpoints = report.data.viewpoint_names
+def _draw_scores(
+    relics: Mapping[str, Report], requests: Mapping[str, FigureRequest], part: Any
+) -> None:
+    """Plot the scores of all viewpoints of a report, or of the views shown of several relics."""
+    table, is_single = ScoreTable.of([*relics.values()], [HEADLINE]), len(relics) == 1
+    key = "viewpoint" if is_single else "relic"
+    groups = next(iter(relics.values())).data.viewpoint_names if is_single else [*relics]
+    shown_rows = [
+        row
+        for row in table.rows
+        if is_number(row[HEADLINE])
+        and (is_single or row["viewpoint"] == requests[row["relic"]].viewpoint)
+    ]
+    names = list(dict.fromkeys(name for r in requests.values() for name in r.algorithms))
     axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
-    for n, name in enumerate(request.algorithms):
-        rows = [row for row in table.rows if row["algorithm"] == name and is_number(row[HEADLINE])]
+    for n, name in enumerate(names):
+        rows = [row for row in shown_rows if row["algorithm"] == name]
         if not rows:
             continue
-        places = [viewpoints.index(row["viewpoint"]) for row in rows]
-        offset = (n - (len(request.algorithms) - 1) / 2) * 0.6 / len(request.algorithms)
+        places = [groups.index(row[key]) for row in rows]
+        offset = (n - (len(names) - 1) / 2) * 0.6 / len(names)
         values = np.array([row[HEADLINE] for row in rows])
         ends = [[row[f"{HEADLINE}_{end}"] for row in rows] for end in ("low", "high")]
         low, high = (np.array([math.nan if end is None else end for end in side]) for side in ends)
@@ -274,12 +308,12 @@ def _draw_scores(part: Any, report: Report, request: FigureRequest) -> None:
             fmt=plots.marker_of(name), color=plots.colour_of(name), markersize=4, capsize=2,
             linewidth=0.8, label=name.replace("$", r"\$"),
         )  # fmt: skip
-    plots.style(axis, "", "viewpoint, with 95 % intervals", _HEADLINE_LINES)
-    axis.set_xticks(range(len(viewpoints)), viewpoints)
+    plots.style(axis, "", f"{key}, with 95 % intervals", _HEADLINE_LINES)
+    axis.set_xticks(range(len(groups)), groups)
     axis.legend(fontsize=_FONT, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
 
 
-def _draw_time(part: Any, report: Report, request: FigureRequest) -> None:
+def _draw_time(report: Report, request: FigureRequest, part: Any) -> None:
     times, unit = times_of(report.data)
     axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
     errors = {

@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import io
 import math
+from collections import defaultdict
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -23,14 +24,14 @@ _LATEX = str.maketrans({c: f"\\{c}" for c in "&%$#_{}"})
 
 @dataclass(frozen=True)
 class ScoreTable:
-    """Scores of a report, a row for each algorithm and viewpoint; the reference is among them.
+    """Scores of reports, a row for each algorithm and viewpoint; the reference is among them.
 
     Attributes
     ----------
     scores : tuple of str
         Names of the scores.
     rows : list of dict
-        ``algorithm``, ``viewpoint``, and each score with its 95 % interval, as ``NAME``,
+        ``relic``, ``algorithm``, ``viewpoint``, and each score with its 95 % interval, as ``NAME``,
         ``NAME_low`` and ``NAME_high``; None where a value is missing or infinite.
     """
 
@@ -38,27 +39,33 @@ class ScoreTable:
     rows: list[dict[str, Any]]
 
     @classmethod
-    def of(cls, report: Report, scores: Sequence[str] = ()) -> ScoreTable:
-        """Table of some scores of a report; by default of all.
+    def of(cls, reports: Report | Sequence[Report], scores: Sequence[str] = ()) -> ScoreTable:
+        """Table of some scores of one or several reports; by default of all scores.
+
+        Relics are named by the titles of their reports, or by the folders if titles are equal.
 
         Raises
         ------
         UsageError
-            The report has no such score.
+            A report has no such score, or there is no report.
         """
-        data = report.data
-        results: dict[str, Any] = {**data.algorithms, REFERENCE: data.reference}
-        names = {key: None for r in results.values() for s in r.views.values() for key in s}
+        results: list[tuple[str, Any, str, Any]] = []
+        for relic, report in named_relics(reports).items():
+            data = report.data
+            results += [(relic, data, name, result) for name, result in data.algorithms.items()]
+            results.append((relic, data, REFERENCE, data.reference))
+        names = {key: None for *_, r in results for s in r.views.values() for key in s}
         for name in scores:
             if name not in names:
                 raise UsageError(f"scores: {name!r}: {suggest_words(name, list(names))}")
         chosen = tuple(scores or names)
         rows = []
-        for algorithm, result in results.items():
+        for relic, data, algorithm, result in results:
             for viewpoint in data.viewpoint_names:
                 values = result.views.get(viewpoint, {})
                 precision = result.precision.get(viewpoint, {})
-                row: dict[str, Any] = {"algorithm": algorithm, "viewpoint": viewpoint}
+                row: dict[str, Any] = {"relic": relic, "algorithm": algorithm}
+                row["viewpoint"] = viewpoint
                 for name in chosen:
                     low, high = precision[name].interval if name in precision else (None, None)
                     row |= {name: values.get(name), f"{name}_low": low, f"{name}_high": high}
@@ -83,34 +90,47 @@ class ScoreTable:
         """A LaTeX table of one score, algorithms by viewpoints, for the package booktabs.
 
         Each cell has the score and half of its interval in units of the last digit:
-        ``0.955(2)``. The best algorithm of each viewpoint is bold.
+        ``0.955(2)``. The best algorithm of each relic and viewpoint is bold.
         """
         metric = find(score)
         digits = 3 if metric is None else max(metric.digits - 1, 1)
-        viewpoints = list(dict.fromkeys(row["viewpoint"] for row in self.rows))
-        cells = {(row["algorithm"], row["viewpoint"]): row for row in self.rows}
+        views = list(dict.fromkeys((row["relic"], row["viewpoint"]) for row in self.rows))
+        is_single = len({relic for relic, _ in views}) == 1
+        heads = [view if is_single else f"{relic}, {view}" for relic, view in views]
+        missing = {score: None, f"{score}_low": None, f"{score}_high": None}
+        cells: dict[Any, dict[str, Any]] = defaultdict(lambda: missing)
+        cells |= {(row["algorithm"], (row["relic"], row["viewpoint"])): row for row in self.rows}
         names = [n for n in dict.fromkeys(row["algorithm"] for row in self.rows) if n != REFERENCE]
         lower = metric is not None and metric.better == "lower"
         best = {
             v: (min if lower else max)(
                 (x for n in names if is_number(x := cells[n, v][score])), default=None
             )
-            for v in viewpoints
+            for v in views
         }
         lines = [
-            rf"\begin{{tabular}}{{l{'r' * len(viewpoints)}}}",
+            rf"\begin{{tabular}}{{l{'r' * len(views)}}}",
             r"\toprule",
-            " & ".join(["algorithm", *(v.translate(_LATEX) for v in viewpoints)]) + r" \\",
+            " & ".join(["algorithm", *(head.translate(_LATEX) for head in heads)]) + r" \\",
             r"\midrule",
         ]
         for name in names:
             row = [name.translate(_LATEX)]
-            for view in viewpoints:
+            for view in views:
                 text = _latex_cell(cells[name, view], score, digits)
                 is_best = best[view] is not None and cells[name, view][score] == best[view]
                 row.append(rf"\textbf{{{text}}}" if is_best else text)
             lines.append(" & ".join(row) + r" \\")
         return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+
+
+def named_relics(reports: Report | Sequence[Report]) -> dict[str, Report]:
+    """Reports by the titles of their relics, or by their folders if titles are equal."""
+    listed = [*reports] if isinstance(reports, Sequence) else [reports]
+    if not listed:
+        raise UsageError("reports: there are none; give one or more")
+    titles = {report.data.title: report for report in listed}
+    return titles if len(titles) == len(listed) else {str(r.folder): r for r in listed}
 
 
 def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:

@@ -1,5 +1,7 @@
 """Figures and error maps of a report, from the command line."""
 
+import shutil
+
 import numpy as np
 import pytest
 from PIL import Image
@@ -41,6 +43,23 @@ def test_views_of_one_viewpoint_have_the_width_asked_for(out, tmp_path):
         assert image.width == pytest.approx(90 / 25.4 * 300, abs=1)
         pixels = np.asarray(image.convert("RGB"))
     assert (pixels < 128).any(axis=-1).mean() > 0.2  # three views on black
+
+
+def test_several_reports_have_views_each_and_one_plot_of_scores(out, tmp_path):
+    other = tmp_path / "other"
+    shutil.copytree(out, other)
+    heights = {}
+    for reports in ((out,), (out, other)):
+        path = tmp_path / f"{len(reports)}.png"
+        options = ("-o", path, "--parts", "views,scores", "--width", "90")
+        assert run_here("figure", *reports, *options, folder=tmp_path).code == EXIT_PASSED
+        with Image.open(path) as image:
+            heights[len(reports)] = image.height
+    plot = 0.42 * 90 / 25.4 * 300
+    assert 2 * (heights[1] - plot) < heights[2] - plot < 2.6 * (heights[1] - plot)
+    assert_refused(
+        "figure", out, other, "--maps", tmp_path / "maps", folder=tmp_path, says=["single report"]
+    )
 
 
 def test_error_maps_are_those_of_the_views(out, tmp_path):

@@ -9,7 +9,8 @@ import msgspec
 import pytest
 
 from inim.report import Report
-from inim.report.score_table import compare_algorithms
+from inim.report.score_table import ScoreTable, compare_algorithms
+from inim.system.errors import UsageError
 from tests.schemas import report_document
 
 HEADLINE = "ssim_on_relic_to_reference"
@@ -82,3 +83,22 @@ def test_few_reports_have_no_p_value_and_one_no_interval():
     assert math.isnan(single.low)
     assert math.isnan(single.p_value)
     assert single.reason.startswith("1 of at least 6 relics")
+
+
+def test_a_table_of_several_relics_names_them_by_title_or_folder():
+    reports = [report("first", a=(0.9, 0.8)), report("second", a=(0.7, 0.6), b=(0.95, 0.5))]
+    table = ScoreTable.of(reports, [HEADLINE])
+    assert {row["relic"] for row in table.rows} == {"first", "second"}  # their titles are equal
+    lines = [line for line in table.to_latex().splitlines() if "&" in line]
+    assert lines == [
+        r"algorithm & first, centre & first, left & second, centre & second, left \\",
+        r"a & \textbf{0.900} & \textbf{0.800(2)} & 0.700 & \textbf{0.600(2)} \\",
+        r"b & -- & -- & \textbf{0.950} & 0.500(2) \\",
+    ]
+    titles = [
+        msgspec.structs.replace(r.data, title=name) for r, name in zip(reports, "xy", strict=True)
+    ]
+    named = [Report(r.folder, data) for r, data in zip(reports, titles, strict=True)]
+    assert {row["relic"] for row in ScoreTable.of(named).rows} == {"x", "y"}
+    with pytest.raises(UsageError, match="there are none"):
+        ScoreTable.of([])
