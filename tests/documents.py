@@ -157,6 +157,7 @@ class Reader:
             # Packages are installed into the folder, without the network.
             "PIP_TARGET": str(folder / "site"),
             "PIP_NO_DEPS": "1",
+            "PIP_UPGRADE": "1",  # a changed package replaces its files
             "PIP_NO_BUILD_ISOLATION": "0",  # pip's spelling of: no isolation
             "PYTHONPATH": f"{self.project}{os.pathsep}{folder / 'site'}",
         }
