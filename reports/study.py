@@ -30,8 +30,9 @@ HERE = Path(__file__).parent
 ROOT = HERE.parent
 #: Code that decides results, in the core.
 CODE = (
-    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render", "inim/scores",
-    "inim/system/backend",
+    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render",
+    "inim/scores/metrics", "inim/scores/regression/noise_free.py",
+    "inim/scores/regression/scores.py", "inim/system/backend",
 )  # fmt: skip
 # Modules next to a study that decide no results.
 _NO_MEASUREMENT = re.compile(r"test_|conftest|page\.py|__init__")

@@ -41,7 +41,7 @@ from inim.scores.regression.comparison import compare
 from inim.scores.regression.run_statistics import RunStatistics
 from inim.scores.regression.verdict import FALSE_ALARM_RATE, binomial_interval
 from inim.system.process.observer import Observer
-from reports.study import Results, Study, add_scenes, entry, table
+from reports.study import CODE, Results, Study, add_scenes, entry, table
 
 ALGORITHM = "template"
 _SETTINGS = {
@@ -243,7 +243,7 @@ def passed(results: Results) -> bool:
 
 STUDY = Study(
     "reports.regression.run", "False alarms and power of the comparison with a baseline", __doc__,
-    arguments, cases, measure, page, passed=passed,
+    arguments, cases, measure, page, passed=passed, code=(*CODE, "inim/scores"),
 )  # fmt: skip
 
 if __name__ == "__main__":

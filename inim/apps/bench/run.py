@@ -30,7 +30,9 @@ from inim.system.worker.supervisor import run_in_worker
 # Code that decides the results.
 _CODE = (
     "inim/apps/bench/evaluate.py", "inim/apps/bench/front.py", "inim/apps/bench/memory.py",
-    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render", "inim/scores",
+    "inim/display", "inim/generators", "inim/image", "inim/pipeline", "inim/render",
+    "inim/scores/metrics", "inim/scores/regression/noise_free.py",
+    "inim/scores/regression/scores.py",
 )  # fmt: skip
 _VERSIONS = ("drjit", "matplotlib", "mitsuba", "numba", "numpy")
 #: Algorithms to time by default. The first seven are on equal terms.

@@ -43,12 +43,13 @@ _VIEW = "quilt"
 class TracedScene:
     """The scene of a report, to be traced again.
 
-    `sha256` is its digest in the report, `definitions` are the settings and scene parameters that
-    the report's run overrode, `allow_folders` additional folders for files that the scene
-    references, `fit_share` is the share of the lens array that the relic fills, and `turn_deg` its
-    turn.
+    `report` is the report's folder, for messages, and `sha256` the scene's digest in it.
+    `definitions` are the settings and scene parameters that the report's run overrode,
+    `allow_folders` additional folders for files that the scene references, `fit_share` is the share
+    of the lens array that the relic fills, and `turn_deg` its turn.
     """
 
+    report: Path
     path: Path
     sha256: str
     definitions: Mapping[str, str]
@@ -65,6 +66,7 @@ class TracedScene:
         if scene is None:
             raise UsageError(f"{report.folder}: is of a picture; its ground truth is no scene")
         return cls(
+            report.folder,
             path or Path(scene.path),
             scene.sha256,
             scene.definitions,
@@ -75,7 +77,10 @@ class TracedScene:
 
     def file(self) -> SceneFile:
         """Read and scan the scene file; raises `InimError` if it is missing or has changed."""
-        file = read_scene_file(self.path, self.definitions, self.allow_folders)
+        try:
+            file = read_scene_file(self.path, self.definitions, self.allow_folders)
+        except UsageError as error:
+            raise UsageError(f"{self.report}: the settings of its scene: {error}") from None
         if file.sha256 != self.sha256:
             raise FileError(
                 f"{self.path}: differs from the report's scene, or a file that it references has "

@@ -18,7 +18,7 @@ import numpy as np
 from inim.scores.document_parts import Circumstances, RunInputs
 from inim.scores.regression.document import BaselineDocument, PictureSize
 from inim.scores.regression.fingerprints import Fingerprint
-from inim.scores.regression.scores import ScoreEstimate
+from inim.scores.regression.scores import LIGHT, ScoreEstimate
 from inim.scores.regression.tiles import TileStatistics
 from inim.system.document import read_document, write_document
 from inim.system.errors import BaselineError, FileError
@@ -151,14 +151,19 @@ def _statistics(data: BaselineDocument, arrays: Mapping[str, np.ndarray]) -> Run
         )
         for name, size in data.pictures.items()
     }
+    scores = {
+        scored: {name: ScoreEstimate.of(score) for name, score in by_name.items()}
+        for scored, by_name in data.scores.items()
+    }
+    for scored, by_name in scores.items():
+        for name, score in by_name.items():
+            if name.startswith(f"{LIGHT}_") and not math.isfinite(score.plain):
+                raise ValueError(f"{scored}: {name} is not a number")
     return RunStatistics(
         inputs=data.inputs,
         circumstances=data.circumstances,
         pictures=pictures,
-        scores={
-            scored: {name: ScoreEstimate.of(score) for name, score in scores.items()}
-            for scored, scores in data.scores.items()
-        },
+        scores=scores,
         fingerprints={
             name: Fingerprint.of(record, arrays[f"sample|{name}"])
             for name, record in data.fingerprints.items()

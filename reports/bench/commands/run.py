@@ -294,7 +294,7 @@ def cases(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
 
 STUDY = Study(
     "reports.bench.commands.run", "Bench: whole commands", __doc__, arguments, cases, measure, page,
-    code=("inim",), stem="bench", doubts=doubts,
+    stem="bench", doubts=doubts,
 )  # fmt: skip
 
 if __name__ == "__main__":
