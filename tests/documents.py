@@ -141,17 +141,19 @@ class Reader:
     Parameters
     ----------
     folder : Path
-        Folder for the copy and for the result cache.
+        Folder for the copy.
+    cache : Path
+        Folder of the result cache: pages that validate the same scene render it once.
     """
 
-    def __init__(self, folder: Path) -> None:
+    def __init__(self, folder: Path, cache: Path) -> None:
         self.project = folder / "inim"
         shutil.copytree(ROOT, self.project, ignore=shutil.ignore_patterns(*_NOT_COPIED))
         (self.project / ".venv").symlink_to(sys.prefix)
         tools = Path(sys.executable).parent
         environment = os.environ | {
             "PATH": f"{tools}{os.pathsep}{os.environ['PATH']}",
-            "INIM_CACHE": str(folder / "cache"),
+            "INIM_CACHE": str(cache),
             "MPLBACKEND": "agg",
             "PYTHONUNBUFFERED": "1",
             # Packages are installed into the folder, without the network.
@@ -191,9 +193,9 @@ class Reader:
             child.end()
 
 
-def run_page(page: str, folder: Path) -> Iterator[tuple[Block, str, float]]:
+def run_page(page: str, folder: Path, cache: Path) -> Iterator[tuple[Block, str, float]]:
     """Run a page; yield each executed block with its output and its time in seconds."""
-    reader = Reader(folder)
+    reader = Reader(folder, cache)
     try:
         for block in blocks(page):
             started = time.monotonic()
@@ -214,16 +216,17 @@ def check_syntax(block: Block) -> None:
 
 def _main(chosen: list[str]) -> int:
     failed = 0
-    for page in chosen or pages():
-        with tempfile.TemporaryDirectory() as folder:
-            try:
-                for block, output, seconds in run_page(page, Path(folder)):
-                    print(f"{seconds:6.1f} s  {block}", flush=True)
-                    if chosen:
-                        print(output, end="")
-            except AssertionError as error:
-                failed += 1
-                print(f"FAILED    {error}", flush=True)
+    with tempfile.TemporaryDirectory() as cache:
+        for page in chosen or pages():
+            with tempfile.TemporaryDirectory() as folder:
+                try:
+                    for block, output, seconds in run_page(page, Path(folder), Path(cache)):
+                        print(f"{seconds:6.1f} s  {block}", flush=True)
+                        if chosen:
+                            print(output, end="")
+                except AssertionError as error:
+                    failed += 1
+                    print(f"FAILED    {error}", flush=True)
     return failed
 
 

@@ -45,7 +45,7 @@ from reports.study import CODE, Results, Study, add_scenes, entry, table
 
 ALGORITHM = "template"
 _SETTINGS = {
-    "lens_columns": 16, "lens_rows": 16, "capture_spp": 16, "eia_spp": 16, "view_spp": 32,
+    "lens_columns": 16, "lens_rows": 16, "capture_spp": 64, "eia_spp": 64, "view_spp": 64,
     "reconstruction_spp": 16,
 }  # fmt: skip
 _VIEWPOINTS = ("left", "centre")
@@ -77,8 +77,8 @@ def shifted(rgbd: RGBD, size: float) -> RGBD:
 
 #: Changes of a picture, and the sizes to plant.
 CHANGES: Mapping[str, tuple[Callable[[RGBD, float], RGBD], tuple[float, ...]]] = {
-    "brightness": (darker, (0.0025, 0.005, 0.01, 0.02)),
-    "red": (redder, (0.0025, 0.005, 0.01, 0.02)),
+    "brightness": (darker, (0.0025, 0.005, 0.01, 0.02, 0.04)),
+    "red": (redder, (0.0025, 0.005, 0.01, 0.02, 0.04)),
     "depth": (deeper, (0.003, 0.01, 0.03, 0.1)),
     "position, picture pixels": (shifted, (0.03, 0.1, 0.3, 1.0)),
 }

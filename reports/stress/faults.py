@@ -35,7 +35,8 @@ COLUMNS = ("quick", "full", "tests", "baseline")
 _VALIDATION = (
     "-W", "ignore", "-m", "inim.validate", "scenes/jade.xml", "-D", "inim.lens_columns=16",
     "-D", "inim.lens_rows=16", "--algorithms", "template,wang2024,gu2020,li2012",
-    "--viewpoints", "centre", "--samples", "16", "--quiet",
+    "--viewpoints", "centre", "-D", "inim.capture_spp=16", "-D", "inim.eia_spp=16",
+    "-D", "inim.view_spp=16", "--quiet",
 )  # fmt: skip
 
 

@@ -3,6 +3,7 @@
 Expected: no broken link or picture, no page wider than a phone, no block that fails.
 """
 
+import os
 import re
 import subprocess
 import sys
@@ -85,6 +86,8 @@ def test_notebooks_run(tmp_path):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("page", pages())
-def test_commands_of_a_page_work(page, tmp_path):
-    for _ in run_page(page, tmp_path):
+def test_commands_of_a_page_work(page, tmp_path, tmp_path_factory):
+    base = tmp_path_factory.getbasetemp()
+    shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
+    for _ in run_page(page, tmp_path, shared / "cache of pages"):
         pass
