@@ -396,8 +396,6 @@ class Display:
         ``D -+ span / 2``, cut one pitch from the array where the formula would cross it
         (`depth_range_is_cut`), or the range given by the user.
         """
-        if self.depth_min_mm is not None and self.depth_max_mm is not None:
-            return float(self.depth_min_mm), float(self.depth_max_mm)
         low, high = self.exact_depth_range
         return float(low), float(high)
 
