@@ -187,7 +187,7 @@ class Plan:
         """Optics for reconstructed views."""
         s = self.settings
         display = self.misaligned_display
-        return Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp, s.seed)
+        return Optics(display, s.lens_model, s.view_pixels_per_lens, s.reconstruction_spp)
 
     def viewing_conditions(self, eye: Viewpoint) -> Viewing:
         """Viewing conditions of a viewpoint, for perceptual metrics."""

@@ -26,7 +26,6 @@ from inim.display.settings import PREFIX
 from inim.generators import parse_algorithm
 from inim.image.rgbd import RGBD
 from inim.pipeline.baseline import collect_statistics
-from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.job import setup
 from inim.pipeline.plan import make_plan
 from inim.pipeline.request import Request
@@ -100,21 +99,16 @@ def run_seed(
         generate = prepare_generator(
             parse_algorithm(ALGORITHM), sound.capture.camera, None, display_views.observed, run=run
         )
+        truth = compute_truth_statistics(sound.truth, sound.reference_scores, run=run)
         changed = {}
         for name, size in changes:
             pictures = [CHANGES[name][0](p, size) for p in sound.capture.inputs[RGBD].parts or ()]
             output = generate(replace(sound.capture, inputs={RGBD: CapturedInput.of(pictures)}))
             views = reconstruct_views(ALGORITHM, output.eia, display_views, run=run)
             result = score_method(ALGORITHM, output, views, sound.truth, run=run)
-            changed[name, size] = _statistics(replace(sound, results={ALGORITHM: result}))
-        return _statistics(sound), changed
-
-
-def _statistics(evaluation: Evaluation) -> RunStatistics:
-    truth = compute_truth_statistics(
-        evaluation.truth, evaluation.reference_scores, run=evaluation.run
-    )
-    return collect_statistics(evaluation, truth)
+            evaluation = replace(sound, results={ALGORITHM: result})
+            changed[name, size] = collect_statistics(evaluation, truth)
+        return collect_statistics(sound, truth), changed
 
 
 def _alarms(baseline: RunStatistics, candidate: RunStatistics) -> set[str]:

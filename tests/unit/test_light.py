@@ -68,8 +68,30 @@ def test_light_has_the_error_with_which_it_varies_and_no_bias(parts):
             noisy(rng, GREY, 0.2, parts), noisy(rng, 1.1 * GREY, 0.2, parts), RELIC
         )[name]
         p.append(2 * stats.t.sf(abs(score.plain - 10) / score.error, score.freedom))
-    # The error includes a reserve for coupled pixels, sqrt(1.34), which these are not.
+    # The error includes a reserve for coupled pixels, sqrt(1.34) or more, which these are not.
     assert 0.005 < np.mean(np.array(p) < 0.1) < 0.1
+
+
+@pytest.mark.parametrize("parts", [2, 8])
+@pytest.mark.parametrize("column", [16, 28, 32, 37])
+def test_noise_of_whole_lenses_has_its_error_wherever_it_is(parts, column):
+    """Noise that is equal within patches of 5 x 5 pixels, in a stripe; the truth by many draws."""
+    rng = np.random.default_rng(4)
+    relic, name = np.ones((64, 64), bool), "light_on_relic_red"
+    stripe = np.zeros((1, 64, 64, 1))
+    stripe[:, :, column - 5 : column + 5] = 0.1
+    values, errors = [], []
+    for _ in range(250):
+        patches = rng.normal(size=(parts, 14, 14, 3)).repeat(5, axis=1).repeat(5, axis=2)
+        top, left = rng.integers(0, 5, 2)
+        noise = stripe * patches[:, top : top + 64, left : left + 64]
+        image = NoisyImage.from_parts((0.4 + noise).astype(np.float32))
+        score = light_scores(image, image, relic)[name]
+        values.append(score.plain)
+        errors.append(score.error)
+    ratio = np.std(values) / np.sqrt(np.mean(np.square(errors)))
+    # The reserve is for noise of lenses of 4 pixels and for halves at most sqrt(1.9).
+    assert 1 / np.sqrt(1.9) - 0.05 < ratio < 1.1
 
 
 def test_a_relic_without_light_has_no_light_scores():

@@ -199,7 +199,7 @@ def _views(
     (rows, columns), (down, across) = request.window, request.design.layout.grid
     pixels_per_lens = (rows / down, columns / across)
     # Views are half images.
-    optics = Optics(display, request.lens_model, pixels_per_lens, 2 * request.spp, seed=0)
+    optics = Optics(display, request.lens_model, pixels_per_lens, 2 * request.spp)
     renderer = Renderer("auto", observer)
     if isinstance(source, TracedScene):
         scene = Scene(source.file(), request.design, source.fit_share, renderer, source.turn_deg)

@@ -27,14 +27,15 @@ class Optics:
 
     The display includes its misalignment. `view_pixels_per_lens`, a number or (down, across), is
     explained in `inim.render.rays.eye_rays`. `reconstruction_spp` are the samples per view pixel of
-    both halves. The seed is the same for all EIAs, so that equal EIAs have equal views.
+    both halves. The seed is the same in all runs: the points at which a view samples the display
+    belong to the optics, so that equal EIAs have equal views.
     """
 
     display: Display
     lens_model: str
     view_pixels_per_lens: int | tuple[float, float]
     reconstruction_spp: int
-    seed: int
+    seed: int = 0
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect a view, by the names of the settings."""
