@@ -20,6 +20,8 @@ unexport PYTHONDONTWRITEBYTECODE
 # Workers begin with contiguous thirds, whose tests share fixtures, and take tests from slower ones.
 # With `loadfile`, a crashed worker's file is never finished, and the run does not end.
 PARALLEL := -n 3 --dist worksteal
+# Slow tests take up to minutes each: the next goes to the worker that is free.
+PARALLEL_SLOW := -n 3 --dist load --maxschedchunk 1
 
 .DEFAULT_GOAL := test
 .PHONY: demo test test-all checks fast docs test-docs reports-check clean
@@ -33,7 +35,7 @@ test: $(VENV)/.installed-test
 
 test-all: $(VENV)/.installed-oracle
 	@$(MAKE) --no-print-directory test
-	@$(BIN)/python -m pytest -m slow
+	@$(BIN)/python -m pytest -m slow $(PARALLEL_SLOW)
 
 fast: $(VENV)/.installed-test
 	@$(BIN)/python -m pytest tests -m "not slow" $(PARALLEL)

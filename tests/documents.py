@@ -62,7 +62,7 @@ class Block:
 
 def pages() -> list[str]:
     """Paths of README, CONTRIBUTING and the site's pages, without generated ones."""
-    generated = {"generated", "images"}
+    generated = {"generated", "images", "out"}
     paths = [p.relative_to(ROOT) for p in sorted((ROOT / "docs").rglob("*.md"))]
     hand_written = [str(p) for p in paths if not generated & set(p.parts)]
     return ["README.md", "CONTRIBUTING.md", *hand_written]
