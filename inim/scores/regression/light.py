@@ -94,8 +94,8 @@ def _estimate(sums: np.ndarray, noise: np.ndarray, block_px: tuple[int, int]) ->
     variances = np.square(windows).sum(axis=0) / (count * (count - 1))
     variance = variances.sum() / overlap
     freedom = freedom_of_sum(variance, np.square(variances).sum() / overlap, count - 1)
-    kept = math.prod(1 - _CORRELATED_PX / (_WINDOW * side) for side in block_px)
-    error = math.sqrt(float(variance) / kept)
+    variance_share = math.prod(1 - _CORRELATED_PX / (_WINDOW * side) for side in block_px)
+    error = math.sqrt(float(variance) / variance_share)
     return ScoreEstimate(float(sums.sum()) / count, error, float(freedom), 0.0)
 
 

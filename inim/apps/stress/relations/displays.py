@@ -141,10 +141,13 @@ def _axes(_: str, effort: int) -> Iterator[Deviation]:
 def _lengths(_: str, effort: int) -> Iterator[Deviation]:
     """Depths and sizes follow from their formulas in fractions, rounded once."""
     random = np.random.default_rng(1)
-    for number in range(20 * effort):
+    usual = (900, 6000), (2000, 6000), (1500, 7000), (30, 300)
+    deep = (900, 6000), (2000, 6000), (1500, 60000), (30, 300)
+    # The central plane is within two pitches, and large pixels let the formula cross the array.
+    near = (4000, 6000), (1000, 1300), (1460, 1700), (500, 900)
+    for number in range(21 * effort):
         pitch, f, gap, pixel = (
-            Fraction(int(random.integers(*ends)), 1000)
-            for ends in ((900, 6000), (2000, 6000), (1500, (7000, 60000)[number % 2]), (30, 300))
+            Fraction(int(random.integers(*ends)), 1000) for ends in (usual, deep, near)[number % 3]
         )
         columns, rows = (int(n) for n in random.integers(1, 90, 2))
         if f == gap:
