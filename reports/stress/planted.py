@@ -103,7 +103,9 @@ FAULTS = [
           "qx, qy = sx - dx * power, sy + dy * power"),
     Fault("display/lens/thick.py", "guard", True, "grazing rays of thick lenses",
           "leaves = lens.is_hit & (d[2] > _ALONG_THE_ARRAY)",
-          "leaves = lens.is_hit"),
+          "leaves = lens.is_hit",
+          "only a ray steeper than 1e6 that meets a vertex within 1e-12 radii leaves so flat, and its "
+          "place is rounded more coarsely than that"),
     Fault("display/lens/thick.py", "branch", True, "principal plane moves with the colour",
           "behind = array.gap - array.thickness / array.design_index\n    u, v",
           "behind = array.gap - array.thickness / index\n    u, v"),
