@@ -33,13 +33,16 @@ class Sampling:
 
     `usual` are the samples per pixel by setting. The scores decide those `by_need`, between `LEAST`
     and `MOST` times as many; the others are taken as they are. `share` is that of all rounds so
-    far, and `rounds` are the samples of each, by setting.
+    far, and `rounds` are the samples of each, by setting. If `is_fixed`, a baseline has decided
+    those by need: `usual` are its samples, and what exceeds the layout's is a second round, as in
+    the baseline's own run.
     """
 
     usual: Mapping[str, int]
     by_need: Collection[str]
     share: float
     rounds: Mapping[str, Rounds]
+    is_fixed: bool = False
 
     @classmethod
     def of(cls, plan: Plan, *, is_adaptive: bool) -> Sampling:
@@ -48,6 +51,13 @@ class Sampling:
         is_adaptive &= any(method.decides_samples for method in plan.methods)
         is_adaptive &= "eia_spp" in plan.by_need  # without further samples of it, nothing changes
         by_need = plan.by_need if is_adaptive else ()
+        if plan.baseline is not None:
+            usual = plan.display.layout.usual_samples
+            rounds = {
+                n: (min(usual[n], c) if n in by_need else c,) for n, c in plan.samples.items()
+            }
+            is_all = all(rounds[name] == (count,) for name, count in plan.samples.items())
+            return cls(plan.samples, () if is_all else by_need, 1.0, rounds, is_fixed=True)
         sampling = cls(plan.samples, by_need, LEAST if by_need else 1.0, {})
         return replace(sampling, rounds={name: (n,) for name, n in sampling.totals.items()})
 
@@ -72,6 +82,10 @@ class Sampling:
         enters a score near 1 by its variance. Rounds beyond the usual samples are separate, because
         only the observed pixels of the EIA need them.
         """
+        if self.is_fixed:
+            rest = {n: (*r, self.usual[n] - r[0]) for n, r in self.rounds.items()}
+            rounds = {n: r if r[-1] else r[:-1] for n, r in rest.items()}
+            return replace(self, by_need=(), share=MOST, rounds=rounds)
         factor = 2.0 ** max(1, math.floor(math.log2(excess))) if math.isfinite(excess) else 2.0
         further = replace(self, share=min(factor * self.share, 1 if self.share < 1 else MOST))
         rounds = {

@@ -80,7 +80,7 @@ class Plan:
     truth and views. `ssim_limits` are the smallest SSIM to the reference that pass, by method.
     `images_bytes` is the peak memory of the run's images, and `rays_in_flight` the number of rays
     that the renderer may trace at once in the remaining memory. `by_need` are the numbers of
-    samples that scores decide, by setting.
+    samples that scores or the baseline decide, by setting.
     """
 
     request: Request
@@ -275,7 +275,7 @@ def _with_baseline(plan: Plan, path: Path) -> Plan:
     baseline = read_statistics(path, BASELINE)
     counts = {name: getattr(baseline.circumstances, name) for name in plan.by_need}
     settings = replace(plan.settings, **counts)
-    return replace(plan, settings=settings, baseline=baseline, by_need=())
+    return replace(plan, settings=settings, baseline=baseline)
 
 
 def _check_without_scene(request: Request, settings: Settings, algorithms: Sequence[str]) -> None:

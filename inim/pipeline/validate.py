@@ -12,6 +12,7 @@ result cache, the timing and the record of skipped steps. A scene is sampled in 
 scores are precise (`inim.pipeline.adaptive_sampling`).
 """
 
+import math
 from dataclasses import replace
 from typing import Any
 
@@ -103,10 +104,11 @@ def evaluate(plan: Plan, renderer: Renderer, images: Images, run: Run) -> Evalua
             break
         method_views = []
         for method, prepared_method in methods:
-            if method.decides_samples:
+            if method.decides_samples and not sampling.is_fixed:
                 eia = generate_eia(method, prepared_method, scene_images, run=run).eia
                 method_views.append(reconstruct_views(method.name, eia, display_views, run=run))
-        excess = interval_excess(truth, method_views, plan.settings.score_error, run)
+        error = plan.settings.score_error
+        excess = interval_excess(truth, method_views, error, run) if method_views else math.inf
         if excess <= 1:
             break
         sampling = sampling.next_round(excess)

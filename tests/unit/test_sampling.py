@@ -16,12 +16,19 @@ from tests.conftest import small_display
 USUAL = {"capture_spp": 64, "eia_spp": 32, "view_spp": 64}
 
 
-def plan(error: float = 0.01, by_need: tuple[str, ...] = (*USUAL,), **stated: int) -> object:
+def plan(
+    error: float = 0.01,
+    by_need: tuple[str, ...] = (*USUAL,),
+    baseline: object = None,
+    **stated: int,
+) -> object:
     return SimpleNamespace(
         samples=USUAL | stated,
         by_need=by_need,
         settings=SimpleNamespace(score_error=error),
         methods=[SimpleNamespace(decides_samples=True)],
+        display=small_display(20, 16),
+        baseline=baseline,
     )
 
 
@@ -71,6 +78,24 @@ def test_stated_samples_are_taken_once():
     sampling = Sampling.of(plan(by_need=("eia_spp",), view_spp=10), is_adaptive=True)
     further = sampling.next_round(2.0)
     assert further.rounds == {"capture_spp": (64,), "eia_spp": (8, 8), "view_spp": (10,)}
+
+
+def test_samples_of_a_baseline_beyond_the_usual_ones_are_a_second_round():
+    baselines = plan(baseline="any", eia_spp=128, view_spp=256, capture_spp=64)
+    first = Sampling.of(baselines, is_adaptive=True)
+    assert first.rounds == {"capture_spp": (64,), "eia_spp": (32,), "view_spp": (64,)}
+    assert not first.is_last and first.share <= 1
+    second = first.next_round(math.inf)
+    assert second.rounds == {"capture_spp": (64,), "eia_spp": (32, 96), "view_spp": (64, 192)}
+    assert second.is_last and second.share > 1  # only observed pixels
+    assert second.totals == first.totals == baselines.samples
+
+
+@pytest.mark.parametrize("counts", [{"eia_spp": 16}, {"eia_spp": 32}])
+def test_no_more_than_the_usual_samples_of_a_baseline_are_one_round(counts):
+    sampling = Sampling.of(plan(baseline="any", **counts), is_adaptive=True)
+    assert sampling.is_last
+    assert sampling.rounds["eia_spp"] == (counts["eia_spp"],)
 
 
 def view(noise: float, seed: int) -> NoisyImage:
