@@ -94,6 +94,10 @@ def kinds_of_pixels(display: Display) -> list[int]:
     return [int(kind) for kind in (kinds % max(1, len(display.subpixel_cells))).ravel()]
 
 
-def farthest_cell(display: Display) -> float:
-    """Largest distance of a sub-pixel's centre from its pixel's, across, in pixels."""
-    return max((abs(number) for row in display.subpixel_cells for number in row[::2]), default=0.0)
+def farthest_cell(display: Display) -> tuple[float, float]:
+    """Largest distances of a sub-pixel's centre from its pixel's, across and up, in pixels."""
+    across, up = (
+        max((abs(number) for row in display.subpixel_cells for number in row[axis::2]), default=0.0)
+        for axis in (0, 1)
+    )
+    return across, up

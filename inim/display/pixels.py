@@ -85,10 +85,11 @@ SUBPIXELS: dict[str, tuple[SubPixel, SubPixel, SubPixel]] = {
 }
 
 
-def farthest_subpixel(display: Display) -> float:
-    """Largest distance of a colour's centre from its pixel's, across, in pixels."""
+def farthest_subpixel(display: Display) -> tuple[float, float]:
+    """Largest distances of a colour's centre from its pixel's, across and up, in pixels."""
     centres = [abs(float(colour.right)) for colour in SUBPIXELS[display.subpixels]]
-    return max(*centres, farthest_cell(display))
+    across, up = farthest_cell(display)
+    return max(*centres, across), up
 
 
 def emission_profile(

@@ -168,7 +168,7 @@ class NoisyImage:
             (first, second), count = replace_nonfinite(first, second)
         else:
             (first,), count = replace_nonfinite(first)
-            second = None if second is None else np.nan_to_num(second)
+            second = None if second is None else np.nan_to_num(second, posinf=0, neginf=0)
         return replace(self, arrays=(first, second), nonfinite=count)
 
 

@@ -170,6 +170,11 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
     if folder is None:
         regression = report.data.regression
         folder = Path(regression.baseline) if regression else default_baseline(report.data.title)
+        if regression and not folder.is_dir():
+            raise UsageError(
+                f"{out}: its baseline {folder} is not there, seen from the current folder; go to "
+                "the folder of that run, or give --to FOLDER"
+            )
     accepted = replace(candidate, reason=reason.strip(), accepted=utc_now())
     write_statistics(folder, BASELINE, accepted)
     return folder

@@ -205,7 +205,7 @@ def make_plan(request: Request, *, of_scene: bool = False) -> Plan:
     With `of_scene`, a picture is read as a scene, which fails.
     """
     if request.preview and request.baseline is not None:
-        raise UsageError("--preview: has too few samples for --baseline; remove one of them")
+        raise UsageError("--preview has too few samples for --baseline; remove one of them")
     definitions = {**PREVIEW, **request.definitions} if request.preview else request.definitions
     source = str(request.scene)
     file: SceneFile | PictureFile

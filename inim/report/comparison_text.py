@@ -1,11 +1,13 @@
 """A comparison with a baseline in lines of text: changed inputs, changed scores and the verdict."""
 
+import math
+import re
 import shlex
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 from inim.report.document import ReportDocument
-from inim.report.labels import MISSING, check_sentence, number, plain, short
+from inim.report.labels import MISSING, check_sentence, is_number, number, plain, short
 from inim.scores.document_parts import Change, Check, Regression
 from inim.scores.metrics import HEADLINE, MAIN
 from inim.scores.regression.document import CompareDocument
@@ -15,6 +17,8 @@ from inim.system.document import read_document
 #: Comparisons and changes on the terminal and in the summary; the document has all.
 MOST_LINES = 12
 _HEADLINE = score_label(HEADLINE)
+# Circumstances that may explain a change; versions of libraries are in the document.
+_CODE = re.compile("code$|inim$|package ")
 
 
 def change_text(change: Change) -> str:
@@ -23,9 +27,28 @@ def change_text(change: Change) -> str:
     return plain(f"{change.name}: {old} → {new}")
 
 
+def tolerance_share(check: Check) -> float:
+    """Change of a comparison in units of the largest that passes; infinite without a number."""
+    value, limit = check.value, check.limit
+    if not is_number(value):
+        return math.inf
+    return abs(value) / limit if limit > 0 else math.inf if value else 0.0
+
+
 def compared(data: ReportDocument | CompareDocument) -> list[Check]:
     """All checks of a comparison."""
     return [check for check in data.verdict.checks if check.kind is not None]
+
+
+def largest_first(checks: Iterable[Check]) -> list[Check]:
+    """Comparisons by the size of their change, in units of their tolerance."""
+    return sorted(checks, key=tolerance_share, reverse=True)
+
+
+def also_changed(comparison: Regression) -> list[str]:
+    """A line with the code and the packages that changed, which may explain a change."""
+    names = [change_text(c) for c in comparison.circumstances if _CODE.match(c.name)]
+    return [f"also changed: {'; '.join(names)}"] if names else []
 
 
 def headline_changes(data: ReportDocument | CompareDocument) -> dict[str, dict[str, Check]]:
@@ -74,13 +97,13 @@ def comparison_lines(
         names = ", ".join(comparison.not_compared[:most])
         lines.append(plain(f"not compared: {names}"))
         lines += _more(comparison.not_compared, most, "not compared")
-    failed = sorted(
-        (check for check in compared(data) if not check.passed), key=lambda c: c.kind != "score"
-    )
+    failed = largest_first(check for check in compared(data) if not check.passed)
     for check in failed[:most]:
         word = "better" if check.excuse == "better" else "changed"
         lines.append(plain(f"{word}: {check.name}: {check_sentence(check)}"))
     lines += _more(failed, most, "changed comparisons")
+    if failed:
+        lines += map(plain, also_changed(comparison))
     lines.append(verdict_sentence(data, comparison))
     if out is not None and comparison.verdict != "passed":
         lines.append(f"to accept: {accept_command(out)}")

@@ -9,10 +9,13 @@ from typing import Any
 from inim.report.comparison_text import (
     MOST_LINES,
     accept_command,
+    also_changed,
     change_text,
     comparison_lines,
     headline_changes,
+    largest_first,
     signed_change,
+    tolerance_share,
     verdict_sentence,
 )
 from inim.report.document import ReportDocument
@@ -24,7 +27,6 @@ from inim.report.labels import (
     check_sentence,
     check_value,
     full_command,
-    is_number,
     named,
     number,
     per_cent,
@@ -187,9 +189,11 @@ def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
     if comparison.not_compared:
         names = ", ".join(comparison.not_compared)
         blocks.append(f"Not compared: {markdown_text(names, _LONGEST_SENTENCE)}.")
+    if comparison.verdict != "passed":
+        blocks += [markdown_text(line, _LONGEST_SENTENCE) for line in also_changed(comparison)]
     if isinstance(data, ReportDocument) and comparison.verdict != "passed":
         blocks.append(f"To accept: {markdown_command(accept_command(Path('OUT')))}")
-    heads = ["comparison", "changed", "nearest to its limit", "value", "limit"]
+    heads = ["comparison", "changed", "largest for its limit", "value", "limit"]
     rows = []
     for kind, label in _KINDS.items():
         of_kind = [check for check in data.verdict.checks if check.kind == kind]
@@ -212,20 +216,11 @@ def _headline_table(data: ReportDocument | CompareDocument) -> list[str]:
 
 def _kind_row(of_kind: list[Check]) -> list[str]:
     changed = sum(not check.passed for check in of_kind)
-    worst = max(of_kind, key=_strain)
+    worst = max(of_kind, key=lambda c: (not c.passed, tolerance_share(c)))
     limit = f"{relation(worst)} {check_limit(worst)}"
     counted = f"{changed} of {len(of_kind)}"
     name = markdown_text(worst.name.replace(" against the baseline", ""))
     return [counted, name, markdown_text(check_value(worst)), markdown_text(limit)]
-
-
-def _strain(check: Check) -> float:
-    """Share of the tolerance that a comparison uses; highest if it failed."""
-    value, limit = check.value, check.limit
-    if not is_number(value):
-        return float("inf")
-    strain = abs(value) / limit if limit > 0 else abs(value)
-    return strain + (0.0 if check.passed else 1e9)
 
 
 def _verdict_line(data: ReportDocument) -> str:
@@ -281,13 +276,15 @@ def _reference_row(
 
 
 def _failures(data: ReportDocument | CompareDocument) -> list[str]:
-    failed = data.verdict.failures
+    failed = [check for check in data.verdict.failures if check.kind is None]
+    failed += largest_first(check for check in data.verdict.failures if check.kind is not None)
     lines = [
         f"* {markdown_text(check.name)}: {markdown_text(check_sentence(check), _LONGEST_SENTENCE)}"
         for check in failed[:_MOST_FAILURES]
     ]
     if len(failed) > _MOST_FAILURES:
-        lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in report.json")
+        document = "compare.json" if isinstance(data, CompareDocument) else "report.json"
+        lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in {document}")
     return ["**Failed checks**\n\n" + "\n".join(lines)] if lines else []
 
 

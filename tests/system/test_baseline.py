@@ -127,7 +127,7 @@ def test_fresh_seed_passes_and_its_drift_shows(bench):
     assert {"name": "seed", "baseline": 0, "candidate": 1} in regression["circumstances"]
     assert (regression["verdict"], regression["inputs"]) == ("passed", [])
     summary = (bench.folder / "fresh" / "summary.md").read_text(encoding="utf-8")
-    assert "nearest to its limit" in summary
+    assert "largest for its limit" in summary
     page = (bench.folder / "fresh" / "report.html").read_text(encoding="utf-8")
     assert "passed: 0 of" in page
     assert "the first" in page
@@ -309,7 +309,7 @@ def test_compare_gives_the_verdicts_of_the_baseline_check(noisy, tmp_path, capsy
     folders = [str(noisy.folder / name) for name in ("first", "noisy")]
     assert main(["compare", *folders, "-o", str(out)]) == EXIT_CHECK_FAILED
     text = capsys.readouterr().out
-    assert text.splitlines()[0].startswith("changed: eia/planted: tiles")
+    assert any(line.startswith("changed: eia/planted: tiles") for line in text.splitlines())
     assert "worse: " in text
     data = read_document(out / "compare.json")
     assert data["schema"] == "inim.compare/3"

@@ -250,9 +250,10 @@ class Layout(ABC):
         off_axis = self._off_axis(behind=behind)
         cell_x, cell_y = cell_x + off_axis * display.width_mm, cell_y + off_axis * display.height_mm
         c, s = self._rotation_factors
-        across = c * cell_x + s * cell_y + 2 * farthest_subpixel(display) * display.pixel_pitch_mm
+        beside, above = (2 * n * display.pixel_pitch_mm for n in farthest_subpixel(display))
         gap = least_gap_mm(display)
-        return across / (2 * gap), (c * cell_y + s * cell_x) / (2 * gap)
+        across, up = c * cell_x + s * cell_y + beside, c * cell_y + s * cell_x + above
+        return across / (2 * gap), up / (2 * gap)
 
     def _off_axis(self, *, behind: bool) -> float:
         """Distance of elemental images from their lenses' axes, towards the array's centre (or, for
@@ -295,8 +296,11 @@ class Layout(ABC):
         return limits[0], limits[1]
 
     def eye_offset(self, x: float, y: float) -> tuple[float, float]:
-        """Offsets of an eye to compare with `flip_limit_mm`."""
-        return x, y
+        """Offsets of an eye from the array's centre, along its axes, as of `flip_limit_mm`."""
+        turn = math.radians(self.display.rotation_deg)
+        x, y = x - self.display.shift_x_mm, y - self.display.shift_y_mm
+        c, s = math.cos(turn), math.sin(turn)
+        return c * x + s * y, c * y - s * x
 
     def nearest_viewing_distance_mm(self) -> float:
         """Distance at which an eye on the axis just sees no flipped view; inf if there is none."""

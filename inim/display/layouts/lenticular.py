@@ -171,11 +171,6 @@ vec3 lens_centre(vec2 point) {
         """See `Display.flip_limit_mm`; there is none along the axes."""
         return super().flip_limit_mm(distance_mm)[0], math.inf
 
-    def eye_offset(self, x: float, y: float) -> tuple[float, float]:
-        """See `Layout.eye_offset`."""
-        c, s = self._turn
-        return c * x + s * y, c * y - s * x
-
     # -- optics --------------------------------------------------------------------------------
 
     @classmethod

@@ -60,7 +60,7 @@ def regression(data: ReportDocument | CompareDocument, images: ReportImages) -> 
         _changes("Changed inputs", "Input", comparison.inputs),
         _scores(data),
         _not_compared(comparison),
-        _images(comparison, images),
+        _images(comparison, images, *_remarks(data)),
         _changes(
             "Other differences, which excuse no change", "Circumstance", comparison.circumstances
         ),
@@ -110,7 +110,15 @@ def _not_compared(comparison: Regression) -> str:
     return element("p", text(f"Not compared: {names}.")) if names else ""
 
 
-def _images(comparison: Regression, images: ReportImages) -> str:
+def _remarks(data: ReportDocument | CompareDocument) -> tuple[str, str]:
+    """Captions of the picture before, and of the difference."""
+    if isinstance(data, CompareDocument):
+        return "", "amplified; black is equal"
+    before = "mean of each tile, which is all that a baseline has"
+    return before, "by tile, amplified: red is brighter now, blue darker, black equal"
+
+
+def _images(comparison: Regression, images: ReportImages, before: str, difference: str) -> str:
     rows = []
     for name in comparison.pictures[:_MOST_PICTURES]:
         shots = [
@@ -120,9 +128,9 @@ def _images(comparison: Regression, images: ReportImages) -> str:
                 remark,
             )
             for kind, label, remark in (
-                ("baseline", "Before", "as stored in the baseline"),
+                ("baseline", "Before", before),
                 ("candidate", "Now", ""),
-                ("difference", "Difference", "amplified; black is equal"),
+                ("difference", "Difference", difference),
             )
         ]
         rows.append(element("h3", text(name)) + element("div", *shots, class_="three"))

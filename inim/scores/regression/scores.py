@@ -423,6 +423,8 @@ def _verdict(
     half = _half_width(level, *errors) if is_finite else math.nan
     p = float(welch_p_value(*map(np.asarray, (change, *errors)))) if is_finite else None
     detail = f"{new.plain:.4f}, baseline {old.plain:.4f}"
+    if kind == "light" and old.plain:
+        detail += f", {100 * change / abs(old.plain):+.1f} % of it".replace("-", "−")
     if abs(expected) > smallest / 10:
         detail += f", {expected:+.4f} of it due to the number of samples"
     verdict = within(label, kind, change, half, smallest, unit=unit, p_value=p, detail=detail)

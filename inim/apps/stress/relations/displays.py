@@ -257,6 +257,8 @@ def _bounds(_: str, effort: int) -> Iterator[Deviation]:
         for cell in (0.97, 1.03)
         for name, (low, high) in ranges.items()
     ]  # fmt: skip
+    cells = small_display(subpixels="cells", subpixel_cells="0.1 0.9 0.7 -0.8 0 0.6")
+    aims.append(("far cells", cells))
     for name, display in (*displays(), *aims):
         steep, far = display.steepest_slopes, display.layout.farthest_crossings_mm
         half = display.half_extent_mm
@@ -286,17 +288,26 @@ def _bounds(_: str, effort: int) -> Iterator[Deviation]:
     yield is_true("tight on squares", np.abs(np.subtract(square.steepest_slopes, widest)) < 1e-12)
 
 
+def _parts(place: complex) -> tuple[float, float]:
+    return place.real, place.imag
+
+
 def _flips(display: Display, x: float, y: float, distance: float) -> bool:
     """True if a lens shows an eye a point outside of its own elemental image."""
     share = display.elemental_image_pitch_mm / display.pitch_mm
-    for eye, count, pitch in (
-        (x, display.lens_columns, display.pitch_mm), (y, display.lens_rows, display.row_pitch_mm)
-    ):  # fmt: skip
-        centre = (np.arange(count) - (count - 1) / 2) * pitch
-        landing = centre + (centre - eye) * display.gap_mm / distance
-        if (np.abs(landing - centre * share) > pitch * share / 2).any():
-            return True
-    return False
+    across, up = (
+        (np.arange(count) - (count - 1) / 2) * pitch
+        for count, pitch in (
+            (display.lens_columns, display.pitch_mm), (display.lens_rows, display.row_pitch_mm)
+        )
+    )  # fmt: skip
+    turned = (across + 1j * up[:, None]) * np.exp(1j * math.radians(display.rotation_deg))
+    shift = display.shift_x_mm + 1j * display.shift_y_mm
+    lens = turned + shift
+    landing = lens + (lens - x - 1j * y) * display.gap_mm / distance
+    off = (landing - shift - turned * share) * np.exp(-1j * math.radians(display.rotation_deg))
+    halves = display.pitch_mm * share / 2, display.row_pitch_mm * share / 2
+    return bool(((np.abs(off.real) > halves[0]) | (np.abs(off.imag) > halves[1])).any())
 
 
 @relation(
@@ -310,23 +321,29 @@ def _zone(_: str, effort: int) -> Iterator[Deviation]:
         "aimed": DISPLAYS["nominal"].replace(elemental_pitch_mm=1.0079),
         "rows apart": DISPLAYS["nominal"].replace(pitch_y_mm=1.2, lens_rows=20),
         "small images": DISPLAYS["nominal"].replace(elemental_pitch_mm=0.9996, lens_columns=21),
+        "shifted": DISPLAYS["nominal"].replace(shift_x_mm=2.3, shift_y_mm=-1.7),
+        "turned": DISPLAYS["nominal"].replace(rotation_deg=12.0, shift_x_mm=0.4, lens_rows=20),
     }  # fmt: skip
     for name, display in kinds.items():
         nearest = display.nearest_viewing_distance_mm
-        yield is_true(f"{name}: nearest", _flips(display, 0, 0, nearest * (1 - 1e-9)))
-        yield is_true(f"{name}: farther", not _flips(display, 0, 0, nearest * (1 + 1e-9)))
+        centre = display.shift_x_mm, display.shift_y_mm
+        axes = np.exp(1j * math.radians(display.rotation_deg))
+        yield is_true(f"{name}: nearest", _flips(display, *centre, nearest * (1 - 1e-9)))
+        yield is_true(f"{name}: farther", not _flips(display, *centre, nearest * (1 + 1e-9)))
         distance = 2.3 * nearest
         limits = display.flip_limit_mm(distance)
         for inside in (1 - 1e-7, 1 + 1e-7):
             for sign in (1, -1):
-                for x, y in ((sign * limits[0] * inside, 0.0), (0.0, sign * limits[1] * inside)):
+                for offset in (sign * limits[0] * inside, sign * limits[1] * inside * 1j):
+                    x, y = (n + c for n, c in zip(_parts(offset * axes), centre, strict=True))
                     expected, case = _flips(display, x, y, distance), f"{name}: {x:g} {y:g}"
                     yield difference(case, inside > 1, expected)
                     eye = Viewpoint("eye", x, y, distance)
                     yield difference(f"{case}, checked", _is_refused(eye, display), expected)
-        half_pupil = Viewpoint("eye", limits[0] - 2.0, 0.0, distance, pupil_mm=4.0 * (1 + 1e-7))
+        x, y = np.add(_parts((limits[0] - 2.0) * axes), centre)
+        half_pupil = Viewpoint("eye", x, y, distance, pupil_mm=4.0 * (1 + 1e-7))
         yield is_true(f"{name}: pupil", _is_refused(half_pupil, display))
-        smaller = Viewpoint("eye", limits[0] - 2.0, 0.0, distance, pupil_mm=4.0 * (1 - 1e-7))
+        smaller = Viewpoint("eye", x, y, distance, pupil_mm=4.0 * (1 - 1e-7))
         yield is_true(f"{name}: smaller pupil", not _is_refused(smaller, display))
         in_picture = Viewpoint("eye", 0.0, 0.0, max(display.depth_range_mm[1], 0.1) * (1 - 1e-9))
         yield is_true(f"{name}: in the picture", _is_refused(in_picture, display))
