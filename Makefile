@@ -63,7 +63,7 @@ clean:
 	find inim tests -name __pycache__ -type d -prune -exec rm -rf {} +
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml
-	@echo "installing inim and its dependencies into $(VENV) (about 700 MB, one or two minutes)"
+	@echo "installing inim and its dependencies into $(VENV) (about 1 GB, one or two minutes)"
 	@$(BIN)/python -m pip install --quiet --editable .
 	@touch $@
 

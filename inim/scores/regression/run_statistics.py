@@ -97,6 +97,8 @@ def read_statistics(folder: Path, stem: str) -> RunStatistics:
     path, fix = folder / f"{stem}.json", "make a new report with inim validate"
     if stem == BASELINE:
         fix = "make one: inim accept OUT --reason TEXT"
+    if folder.is_file():
+        raise BaselineError(f"{folder}: is a file; give the folder that holds {stem}.json")
     try:
         document = read_document(path, fix, BaselineDocument)
         data = read_file(folder / f"{stem}.npz", _MAX_BYTES, remedy=fix)
