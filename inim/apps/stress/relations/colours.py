@@ -191,6 +191,9 @@ def _filled(_: str, effort: int) -> Iterator[Deviation]:
             filled = generate(rgbd, display, f"{spec}:fill=hidden")
             again = generate(wide, display, f"{spec}:fill=hidden")
             yield difference(f"{number}, {samples}: larger", filled, again, 1e-5)
+            mask = np.indices(filled.shape[:2]).sum(axis=0) % 3 == 0
+            part = generate(rgbd, display, f"{spec}:fill=hidden", mask=mask)
+            yield difference(f"{number}, {samples}: masked", part, filled * mask[..., None], 1e-30)
             lit = filled[display.lensed]
             # Two colours only, and mixtures of both.
             share = (lit[:, 0] - 0.1) / 0.8

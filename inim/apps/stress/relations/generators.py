@@ -296,9 +296,16 @@ def _exact_definitions(algorithm: str, effort: int) -> Iterator[Deviation]:
     halves = small_display(**binary, depth_min_mm=5.0, depth_max_mm=21.0)
     short = small_display(**binary, depth_min_mm=-0.5, depth_max_mm=0.75)
     level = small_display(**binary, depth_min_mm=4.0, depth_max_mm=8.0)
+    # Single entries are in other cells at the ends of the range than in its middle.
+    beside = small_display(**binary, depth_min_mm=-1.0, depth_max_mm=1.0, shift_x_mm=0.1875)
+    # A point on the panel's axis lies on the border between two of its four columns.
+    one = small_display(gap_mm=4.0, pixel_pitch_mm=0.25, lens_columns=1, lens_rows=1)
     shape = (16, 18)
-    flat = picture_of_depth(np.full(shape, 8.0, np.float32), 0.5)
+    flat, last = (picture_of_depth(np.full(shape, z, np.float32), 0.5) for z in (8.0, 4.0))
     for name, display, rgbd in (
+        ("beside centres", beside, noise(beside, shape, 0.5, 5)),
+        ("on the axis", one, noise(one, (9, 9), 0.25, 6)),
+        ("at z_min", level, last),
         ("half steps", halves, noise(halves, (48, 48), 0.5, 2)),
         ("short rays", short, noise(short, shape, 0.5, 4)),
         ("at z_max", level, flat),
@@ -312,6 +319,30 @@ def _exact_definitions(algorithm: str, effort: int) -> Iterator[Deviation]:
             truth = answer(algorithm, rays, rgbd, display, np.float64).sources
         wrong = find_sources(rgbd, display, algorithm)[tuple(rays.pixels.T)] != truth
         yield Deviation(name, int(wrong.sum()), len(wrong), int(wrong.sum()))
+
+
+@relation(
+    "planes under cylinders", limit=0, unit="pixels", subjects=("li2012",), covers=_COVERS,
+    source="the row of the picture in which the ray of a pixel meets the plane",
+)  # fmt: skip
+def _planes_under_cylinders(algorithm: str, effort: int) -> Iterator[Deviation]:
+    """Along cylinders, which magnify nothing, a row of the picture colours the rays meeting it."""
+    for name, display in displays():
+        if not display.layout.of_cylinders or display.subpixels == "cells":
+            continue
+        for z in np.linspace(*display.depth_range_mm, 4):
+            shape = display.capture_shape(2)
+            rgbd = picture_of_depth(np.full(shape, z, np.float32), display.capture_pixel_mm(2))
+            try:
+                sources = find_sources(rgbd, display, algorithm)
+            except InimError:  # a tilted array
+                continue
+            rays = rays_over(display, rgbd, chosen_pixels(display, 100 * effort))
+            own = sources[tuple(rays.pixels.T)]
+            down = rays.v0 + rays.dv * float(np.float32(z))
+            clear = (own >= 0) & (np.abs(down - np.rint(down)) > 1e-6)
+            wrong = clear & (own // shape[1] != np.floor(down))
+            yield Deviation(f"{name}, {z:g} mm", int(wrong.sum()), int(clear.sum()))
 
 
 @relation("wrong sources are counted", **_BITWISE)
