@@ -30,13 +30,13 @@ ROOT = Path(__file__).parents[2]
 WORK = ROOT.parent if ROOT.name.startswith("copy") else ROOT / "out" / "stress"
 STORED = WORK / "faults.json"
 # Seconds after which a run counts as found: a fault must not hang a check.
-_LONGEST = {"quick": 900, "full": 1800, "tests": 900, "baseline": 600}
+_LONGEST = {"quick": 300, "full": 600, "tests": 300, "baseline": 120}
 COLUMNS = ("quick", "full", "tests", "baseline")
 _VALIDATION = (
     "-W", "ignore", "-m", "inim.validate", "scenes/jade.xml", "-D", "inim.lens_columns=16",
     "-D", "inim.lens_rows=16", "--algorithms", "template,wang2024,gu2020,li2012",
     "--viewpoints", "centre", "-D", "inim.capture_spp=16", "-D", "inim.eia_spp=16",
-    "-D", "inim.view_spp=16", "--quiet",
+    "-D", "inim.view_spp=32", "--quiet",
 )  # fmt: skip
 
 
@@ -110,7 +110,7 @@ def _kernels_of(module: str) -> None:
 
 
 def _run(copy: Path, words: Sequence[str], seconds: float) -> tuple[int, str]:
-    """Exit code and output of a command in a copy; 124 if it takes too long."""
+    """Exit code and output of a command in a copy, messages first; 124 if it takes too long."""
     environment = os.environ | {
         "PYTHONPATH": str(copy), "XDG_CACHE_HOME": str(copy / "cache"), "INIM_CACHE": "off",
         "NUMBA_CACHE_DIR": str(copy / "cache" / "inim" / "kernels"),
@@ -123,7 +123,7 @@ def _run(copy: Path, words: Sequence[str], seconds: float) -> tuple[int, str]:
         )  # fmt: skip
     except subprocess.TimeoutExpired:
         return 124, "takes too long"
-    return ended.returncode, ended.stdout + ended.stderr
+    return ended.returncode, ended.stderr + ended.stdout
 
 
 def _last_line(code: int, output: str) -> list[str]:
@@ -161,7 +161,7 @@ def _baseline(copy: Path) -> list[str]:
         return []
     if code != 1:
         return _last_line(code, output)
-    checks = json.loads((out / "report.json").read_text())["regression"]["checks"]
+    checks = json.loads((out / "report.json").read_text())["verdict"]["checks"]
     return [check["name"] for check in checks if not check["passed"]]
 
 
@@ -289,8 +289,10 @@ def main(words: Sequence[str] | None = None) -> int:
             result = {k: v for k, v in result.items() if v or k not in columns}
         if not set(columns) <= result.keys():
             copy = free.get()
-            run_fault(copy, fault, columns, result)
-            free.put(copy)
+            try:
+                run_fault(copy, fault, columns, result)
+            finally:  # the others wait for it
+                free.put(copy)
         return result
 
     faults = [f for f in FAULTS if args.only in f.file and not f.equivalent]

@@ -8,6 +8,7 @@ import numpy as np
 from inim.apps.stress.relation import Deviation, difference, excess, is_true, relation
 from inim.image.noisy_image import NoisyImage
 from inim.scores import metrics
+from inim.scores.regression.light import light_scores
 from inim.scores.regression.noise_free import (
     BLOCK_PX,
     COUPLING,
@@ -279,3 +280,39 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
         yield difference("tile of a view", view_tile(size), (expected_tile,) * 2)
     yield difference("tile of an EIA", eia_tile((68, 85), (4, 5)), (17, 17))
     yield difference("two lenses", eia_tile((680, 850), (40, 50)), (34, 34))
+
+
+@relation(
+    "light of a region", covers="scores.regression.light image.noisy_image", limit=1,
+    unit="millionths of white", source="means of float32 pixels",
+)  # fmt: skip
+def _light(_: str, effort: int) -> Iterator[Deviation]:
+    """Light is a mean in per cent; noise of one pixel has the error of the mean of its parts."""
+    rng, shape = np.random.default_rng(3), (64, 96)
+    region = np.zeros(shape, bool)
+    region[10:50, 8:80] = True
+    image = rng.random((*shape, 3))
+    for parts, side in ((8, (8, 12)), (2, (4, 6))):
+        # Windows of four blocks, and noise that is correlated over 4.4 pixels.
+        reserve = math.prod(1 - 4.4 / (4 * n) for n in side)
+        for row, column in ((11, 9), (31, 47), (32, 48), (49, 79), (60, 90)):
+            noise = 0.1 * rng.normal(size=(parts, 3))
+            draws = np.broadcast_to(image, (parts, *image.shape)).copy()
+            draws[:, row, column] += noise
+            test = NoisyImage.from_parts(draws.astype(np.float32))
+            still = NoisyImage.from_parts(np.repeat(image[None], parts, 0).astype(np.float32))
+            scores, case = light_scores(still, test, region), f"{parts} parts, {row} {column}"
+            halves = {"relic": region, "upper_half": region & (np.arange(64) < 30)[:, None],
+                      "right_half": region & (np.arange(96) >= 44)}  # fmt: skip
+            for name, mask in halves.items():
+                for c, colour in enumerate(("red", "green", "blue")):
+                    score = scores[f"light_on_{name}_{colour}"]
+                    means = draws[..., c][:, mask].mean(axis=1)
+                    error = means.std(ddof=1) / math.sqrt(parts * reserve)
+                    yield difference(f"{case}: {name}", score.plain, 100 * means.mean(), 1e-4)
+                    yield difference(f"{case}: error", score.error, 100 * error, 1e-4)
+            grey = image[region].mean()
+            change = 100 * (draws.mean(axis=0)[region] - image[region]).mean(axis=0) / grey
+            for c, colour in enumerate(("red", "green", "blue")):
+                own = scores[f"light_on_relic_{colour}_to_reference"]
+                yield difference(f"{case}: to the reference", own.plain, change[c], 1e-4)
