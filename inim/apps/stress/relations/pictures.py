@@ -64,6 +64,14 @@ def _sides(_: str, effort: int) -> Iterator[Deviation]:
             (front, back, colours), Sides.of(front, front, (0, 1), slopes, 1e9),
             np.zeros((0, 3), np.float32), np.zeros(0, bool), rgbd.pixel_mm,
         )  # fmt: skip
+        # A piece that no ray reaches looks like what is before it.
+        dark = np.random.default_rng(1).random(len(light)) < 0.5
+        partly = with_sides((front, back, colours), sides, light, ~dark, rgbd.pixel_mm)
+        shown, known = (np.stack([v.color for v in p.layers]) for p in (partly, cut))
+        changed = (shown != known).any(axis=-1)
+        above = np.concatenate([shown[:1], shown[:-1]])
+        yield is_true(f"{case}: unseen", (shown == above)[changed], int(changed.sum()))
+        yield difference(f"{case}: unseen pieces", changed.sum(), dark.sum())
         before, after = (find_sources(p, display, "layered:samples=1") for p in (whole, cut))
         cells = rgbd.depth_mm.size
         moved = np.where(before >= 0, before % cells, before) != np.where(
@@ -94,6 +102,22 @@ def _gaps(
             far = abs(tallest - own) / (high - low)
             yield difference(f"{case}: gap", float(far > 2e-3), 0.0)
     del least
+
+
+@relation(
+    "pinhole cameras", covers="image.rgbd", limit=1e-9, unit="mm", source="the pinhole equation",
+)  # fmt: skip
+def _intrinsics(_: str, effort: int) -> Iterator[Deviation]:
+    """A picture's point is (u - cx) z / fx to the right and (v - cy) z / fy down, then moved."""
+    random = np.random.default_rng(8)
+    for number in range(5):
+        fx, fy, cx, cy = random.uniform((400, 300, 200, 100), (800, 700, 400, 300))
+        move = random.normal(size=(3, 4))
+        u, v, z = random.uniform((0, 0, 20), (640, 480, 900), (50, 3)).T
+        camera = Camera.pinhole((fx, fy, cx, cy), move)
+        own = camera.display_from_picture @ np.stack([u * z, v * z, z, np.ones(50)])
+        point = np.stack([(u - cx) * z / fx, (v - cy) * z / fy, z, np.ones(50)])
+        yield difference(f"camera {number}", own, move @ point)
 
 
 # -- several cameras ----------------------------------------------------------------------------
@@ -267,6 +291,13 @@ def _noise(_: str, effort: int) -> Iterator[Deviation]:
         count, part = split_samples(spp)
         enough = count * part >= spp if spp >= 8 else count * part <= max(spp, 2)
         yield is_true(f"{spp} samples", count in (2, 8) and enough and count * part < spp + 8)
+    others = NoisyImage.from_replicates(random.random((8, 5, 7, 3)).astype(np.float32))
+    all_samples = image.merged(others, 0.25)
+    for own, a, b in (
+        (all_samples.image, image.image, others.image),
+        (all_samples.replicates, image.replicates, others.replicates),
+    ):
+        yield difference("merged", own, 0.75 * a.astype(float) + 0.25 * b, EPS32)
     # Jackknife: the square of a mean has the bias variance / K, which pseudo-values remove.
     values = random.normal(size=(6, 1000))
     mean = values.mean(axis=0)

@@ -259,6 +259,14 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
                  float(np.median(observed / independent)) / 0.454936)  # fmt: skip
     error = np.sqrt(effect * independent).reshape(shape)
     yield difference("error", own.mean_error, error, 1e-5)
+    degrees = []
+    for r in range(0, rows, 10):
+        for c in range(0, columns, 9):
+            squares = ((a - b)[r : r + 10, c : c + 9] / 2) ** 2
+            most = squares.shape[0] * squares.shape[1]
+            even = 3 * squares.sum(axis=(0, 1)) ** 2 / (squares**2).sum(axis=(0, 1)) - 2
+            degrees.append(np.maximum(np.minimum(even, most) / effect, 1.0))
+    yield difference("freedom", own.freedom, np.reshape(degrees, shape), 1e-4)
     noise = (a - b) ** 2
     spread = np.sqrt(((a + b) / 2) ** 2 * noise + noise**2 / 12).mean(axis=-1)
     powers = [

@@ -24,6 +24,8 @@ from inim.display.lens import channel_indices, check_lens_model, lens_model, tra
 from inim.display.panel import white_of
 from inim.display.pixels import CENTRE, panel_points
 from inim.display.viewpoint import Viewpoint
+from inim.generators import find_sources
+from inim.image.rgbd import Layer, LayeredRGBD
 from inim.system.errors import DisplayError
 
 _VIEWS = "render.view_matrix render.display_emitter render.reconstruct render.trace render.rays \
@@ -385,6 +387,7 @@ def _peeled(_: str, effort: int) -> Iterator[Deviation]:
     in_view = peel(fitted, display, pixels_per_pitch=4)
     yield is_true("in view", ~in_view.covered | np.isfinite(in_view.front_mm))
     yield difference("front layer", in_view.front_mm[0], peeled.front_mm[0])
+    yield from _kept_layers(peel)
     picture = capture_layers(fitted, peeled, spp=4, seed=1)
     for layer in picture.layers:
         for number, depth in enumerate((*fronts, ball)):
@@ -393,3 +396,33 @@ def _peeled(_: str, effort: int) -> Iterator[Deviation]:
             yield is_true(
                 f"object {number}", not np.delete(colours, number, axis=-1).any(), len(colours)
             )
+
+
+def _kept_layers(peel: Any) -> Iterator[Deviation]:
+    """Layers that are removed as hidden are the source of no ray; colours have positive widths."""
+    kinds: dict[str, dict[str, object]] = {
+        "square": {}, "hexagonal": {"lattice": "hexagonal", "rotation_deg": 8.0},
+        "behind": {"focal_length_mm": 3.3, "gap_mm": 3.0, "depth_min_mm": -15.0,
+                   "depth_max_mm": -9.0},
+    }  # fmt: skip
+    for name, changes in kinds.items():
+        ends = {"depth_min_mm": 9.0, "depth_max_mm": 15.0}
+        display = small_display(**{"lens_columns": 10, "lens_rows": 8, **ends, **changes})
+        fitted, depths = _open(display, 0.8), []
+        for hidden in (True, False):
+            peeled = peel(fitted, display, pixels_per_pitch=4, hidden=hidden)
+            shape = (*peeled.front_mm.shape, 3)
+            front, *deeper = (
+                Layer(np.zeros(shape[1:], np.float32), *values)
+                for values in zip(peeled.front_mm, peeled.back_mm, peeled.covered, strict=True)
+            )
+            layers = LayeredRGBD(
+                front.color, front.front_mm, front.covered, peeled.pixel_mm, front.back_mm,
+                tuple(deeper),
+            )  # fmt: skip
+            sources = find_sources(layers, display, "layered:samples=1")
+            depths.append(np.where(sources >= 0, peeled.front_mm.ravel()[sources], sources))
+            wide = np.abs(peeled.front_mm) * display.pixel_pitch_mm / display.gap_mm / 2
+            width = np.maximum(wide / peeled.pixel_mm, 1)[peeled.covered]
+            yield difference(f"{name}: widths", peeled.spread[peeled.covered], width, 0.01)
+        yield difference(f"{name}: hidden layers", *depths)
