@@ -11,7 +11,7 @@ from inim.apps.stress.oracles.colours import (
     expected_colours,
     linear_from_code,
 )
-from inim.apps.stress.oracles.rays import chosen_pixels
+from inim.apps.stress.oracles.rays import chosen_pixels, rays_over
 from inim.apps.stress.pictures import (
     KINDS,
     displays,
@@ -23,6 +23,7 @@ from inim.apps.stress.pictures import (
 from inim.apps.stress.relation import EPS32, Deviation, difference, excess, is_true, relation
 from inim.display import Display
 from inim.generators import HOLE, find_sources, generate, prepare
+from inim.generators.raycast.columns import THICKNESS_PX
 from inim.generators.steps import RayGenerator
 from inim.image.color import (
     linear_from_srgb,
@@ -169,6 +170,22 @@ def _two_planes(display: Display) -> RGBD:
     return RGBD(color, depth, np.ones(shape, bool), display.pitch_mm / 4)
 
 
+def _meets_plate(display: Display, rgbd: RGBD) -> np.ndarray:
+    """Pixels whose rays meet the plate of `_two_planes`, twice as thick as a surface is taken."""
+    pixels = np.argwhere(np.ones(display.eia_shape, bool))
+    rays = rays_over(display, rgbd, pixels)
+    rows, columns = np.nonzero(rgbd.depth_mm == rgbd.depth_mm.max())
+    front = float(rgbd.depth_mm.max())
+    meets = np.zeros(len(pixels), bool)
+    for z in np.linspace(front - 2 * THICKNESS_PX * rgbd.pixel_mm, front, 80):
+        v, u = rays.v0 + rays.dv * z, rays.u0 + rays.du * z
+        meets |= (
+            (v > rows.min() - 0.1) & (v < rows.max() + 1.1)
+            & (u > columns.min() - 0.1) & (u < columns.max() + 1.1)
+        )  # fmt: skip
+    return meets.reshape(display.eia_shape)
+
+
 @relation(
     "filled holes", covers="generators", limit=1, unit="1e-5 of white", source="float32",
 )  # fmt: skip
@@ -199,6 +216,9 @@ def _filled(_: str, effort: int) -> Iterator[Deviation]:
             share = (lit[:, 0] - 0.1) / 0.8
             mixed = np.stack([0.1 + 0.8 * share, 0.6 - 0.5 * share, 0.2 - 0.1 * share], axis=-1)
             yield difference(f"{number}, {samples}: no black", lit, mixed, 1e-5)
+            if samples == 1:
+                red = filled[..., 0] > 0.5
+                yield is_true(f"{number}: no plate behind it", ~red | _meets_plate(display, rgbd))
             yield is_true("dark beside lenses", not filled[~display.lensed].any())
             sources = find_sources(rgbd, display, f"{spec}:columns=solid")
             outside = (sources == HOLE) & display.lensed

@@ -54,6 +54,12 @@ def _sides(_: str, effort: int) -> Iterator[Deviation]:
         yield is_true(f"{case}: joined", joined, len(joined))
         ends = back[sides.solid, sides.row, sides.column]
         yield is_true(f"{case}: ends", sides.back_mm[is_last] == ends[is_last], len(ends))
+        # The last piece ends at its solid's back, not a rounding beside it.
+        rounding = 8 * EPS32 * np.abs(back[back > -np.inf]).max()
+        reach = np.abs(sides.low_mm - sides.back_mm[:, None]) < rounding
+        is_end = is_last[:, None] & reach & (sides.low_mm < sides.high_mm)
+        exact = sides.low_mm == sides.back_mm[:, None]
+        yield is_true(f"{case}: last pieces", exact[is_end], int(is_end.sum()))
         yield from _gaps(case, sides, front, back, pixel_mm / max(slopes))
         colours = np.stack([v.color for v in layers])
         light = np.random.default_rng(seed).random((len(sides.row), 3)).astype(np.float32)

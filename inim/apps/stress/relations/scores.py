@@ -137,6 +137,24 @@ def _invariances(_: str, effort: int) -> Iterator[Deviation]:
 
 
 @relation(
+    "slopes of scores", covers="scores.metrics", limit=1, unit="1e-5 relative",
+    source="central differences",
+)  # fmt: skip
+def _slopes(_: str, effort: int) -> Iterator[Deviation]:
+    """The slope of a score that is not the mean of its map is its derivative."""
+    for metric in metrics.all_metrics():
+        if metric.score_from_mean is None:
+            continue
+        for mean in (1e-5, 1e-3, 0.04, 0.5):
+            score, slope = metric.score_from_mean(mean)
+            above, below = (metric.score_from_mean(mean * (1 + s))[0] for s in (1e-5, -1e-5))
+            yield difference(
+                f"{metric.key} at {mean:g}", slope * mean * 2e-5 / (above - below), 1.0, 1e-5
+            )
+            yield is_true(f"{metric.key} between", (below - score) * (above - score) < 0)
+
+
+@relation(
     "maps in parts", covers=_COVERS, limit=2, unit="1e-6", source="the same sums of float32",
 )  # fmt: skip
 def _parts(_: str, effort: int) -> Iterator[Deviation]:

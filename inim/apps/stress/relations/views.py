@@ -137,7 +137,7 @@ def _views(model: str, effort: int) -> Iterator[Deviation]:
         for eye, view in zip(eyes[::-1], views[::-1], strict=True):
             yield difference(f"{name}: in another order", scene.view(eye, **size), view, 1e-30)
         before = trace.rays_per_pass()
-        trace.limit_rays(256)
+        trace.limit_rays(80)  # five of the twelve samples in a pass, five, and two
         try:
             small = scene.view(eyes[0], **size)
         finally:
