@@ -299,12 +299,12 @@ def _exact_definitions(algorithm: str, effort: int) -> Iterator[Deviation]:
     # Single entries are in other cells at the ends of the range than in its middle.
     beside = small_display(**binary, depth_min_mm=-1.0, depth_max_mm=1.0, shift_x_mm=0.1875)
     # A point on the panel's axis lies on the border between two of its four columns.
-    one = small_display(gap_mm=4.0, pixel_pitch_mm=0.25, lens_columns=1, lens_rows=1)
+    lone = small_display(gap_mm=4.0, pixel_pitch_mm=0.25, lens_columns=1, lens_rows=1)
     shape = (16, 18)
     flat, last = (picture_of_depth(np.full(shape, z, np.float32), 0.5) for z in (8.0, 4.0))
     for name, display, rgbd in (
         ("beside centres", beside, noise(beside, shape, 0.5, 5)),
-        ("on the axis", one, noise(one, (9, 9), 0.25, 6)),
+        ("on the axis", lone, noise(lone, (9, 9), 0.25, 6)),
         ("at z_min", level, last),
         ("half steps", halves, noise(halves, (48, 48), 0.5, 2)),
         ("short rays", short, noise(short, shape, 0.5, 4)),

@@ -73,10 +73,10 @@ def _sides(_: str, effort: int) -> Iterator[Deviation]:
         # A piece that no ray reaches looks like what is before it.
         dark = np.random.default_rng(1).random(len(light)) < 0.5
         partly = with_sides((front, back, colours), sides, light, ~dark, rgbd.pixel_mm)
-        shown, known = (np.stack([v.color for v in p.layers]) for p in (partly, cut))
-        changed = (shown != known).any(axis=-1)
-        above = np.concatenate([shown[:1], shown[:-1]])
-        yield is_true(f"{case}: unseen", (shown == above)[changed], int(changed.sum()))
+        partly_lit, all_lit = (np.stack([v.color for v in p.layers]) for p in (partly, cut))
+        changed = (partly_lit != all_lit).any(axis=-1)
+        above = np.concatenate([partly_lit[:1], partly_lit[:-1]])
+        yield is_true(f"{case}: unseen", (partly_lit == above)[changed], int(changed.sum()))
         yield difference(f"{case}: unseen pieces", changed.sum(), dark.sum())
         before, after = (find_sources(p, display, "layered:samples=1") for p in (whole, cut))
         cells = rgbd.depth_mm.size

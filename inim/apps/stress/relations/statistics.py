@@ -17,6 +17,7 @@ from inim.scores.regression.noise_free import (
     sum_blocks,
 )
 from inim.scores.regression.scores import (
+    ScoreEstimate,
     compare_scores,
     half_width,
     is_above,
@@ -280,6 +281,13 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
                                         for v in (first, second)))  # fmt: skip
     sets = tile_statistics(repeated, (8, 8), generated=True)
     plain = tile_statistics(repeated, (8, 8))
+    changes = ((a - b)[::2, ::2] / 2).reshape(rows // 8, 4, columns // 8, 4, 3)
+    squares, fourths = ((changes**power).sum(axis=(1, 3)) for power in (2, 4))
+    ratios = changes.sum(axis=(1, 3)) ** 2 / squares
+    total = (changes.sum(axis=(1, 3)) ** 2).sum() / squares.sum()
+    effect = max(1.0, total, float(np.median(ratios)) / 0.454936)
+    degrees = np.maximum(np.minimum(3 * squares**2 / fourths - 2, 64) / effect, 1.0)
+    yield difference("freedom of sets", sets.freedom, degrees, 1e-4)
     yield is_true("sets are noisier", (sets.mean_error / plain.mean_error).mean() > 0.9)
     yield is_true("fewer degrees", (sets.freedom < plain.freedom + 1e-3).mean() > 0.5)
     alone = tile_statistics(NoisyImage.from_halves(first, second), (8, 8), generated=True)
@@ -324,3 +332,20 @@ def _light(_: str, effort: int) -> Iterator[Deviation]:
             for c, colour in enumerate(("red", "green", "blue")):
                 own = scores[f"light_on_relic_{colour}_to_reference"]
                 yield difference(f"{case}: to the reference", own.plain, change[c], 1e-4)
+
+
+@relation(
+    "other numbers of samples", covers="scores.regression.scores", limit=1e-9, unit="absolute",
+    source="a bias that is proportional to the variance",
+)  # fmt: skip
+def _other_samples(_: str, effort: int) -> Iterator[Deviation]:
+    """A score that moves with the variance of the noise only is no change."""
+    for bias in (-0.02, 0.013):
+        for ratio in (0.8, 1.0, 1.3):
+            scale = ratio**2
+            old = ScoreEstimate(0.9 + bias, 0.001, 30.0, bias)
+            new = ScoreEstimate(0.9 + scale * bias, 0.001, 30.0, scale * bias)
+            name = metrics.MAIN.to_reference_key
+            check = compare_scores({"view": {name: old}}, {"view": {name: new}}, ratio)[0]
+            yield difference(f"{bias:g}, {ratio:g}", check.value, 0.0)
+            yield is_true("passes", check.passed)
