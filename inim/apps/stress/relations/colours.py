@@ -233,6 +233,7 @@ def _filled(_: str, effort: int) -> Iterator[Deviation]:
         far = np.abs(filled[there][:, :3].astype(float) - to_srgb(light)[there].astype(float))
         yield excess(f"{number}: codes", far, 1.0)
         yield is_true(f"{number}: opaque", filled[there][:, 3] == 255)
+    yield from _between_two_colours()
     uncovered = replace(rgbd, covered=np.zeros(rgbd.shape, bool))
     yield is_true("nothing to fill", not generate(uncovered, display, "template:fill=all").any())
     background = small_display(**KINDS["real"], lens_columns=9, lens_rows=9)
@@ -242,3 +243,27 @@ def _filled(_: str, effort: int) -> Iterator[Deviation]:
         unfilled = generate(scene, background, "template:colour=nearest:fill=none")
         if fill != "hidden":
             yield difference(f"relics keep holes: {fill}", eia, unfilled, 1e-5)
+
+
+def _between_two_colours() -> Iterator[Deviation]:
+    """Behind a bar, a wall turns from its colour on the left to that on the right, lens by lens."""
+    display = small_display(
+        lens_columns=24, lens_rows=15, pixel_pitch_mm=0.125, depth_min_mm=10.0, depth_max_mm=60.0
+    )
+    rgbd = _two_planes(display)
+    columns = rgbd.shape[1]
+    depth, color = np.full(rgbd.shape, 12.0, np.float32), np.zeros_like(rgbd.color)
+    color[:, : columns // 2, 0], color[:, columns // 2 :, 1] = 0.5, 0.5
+    bar = np.s_[:, 3 * columns // 8 : 5 * columns // 8]
+    depth[bar], color[bar] = 60.0, (0.0, 0.0, 0.5)
+    wall = RGBD(color, depth, rgbd.covered, rgbd.pixel_mm)
+    eia = generate(wall, display, "template:samples=1:colour=nearest:fill=hidden")
+    rows, pixels = eia.shape[0], round(1 / 0.125)
+    by_lens = eia.reshape(rows, -1, pixels, 3)  # each pixel of an elemental image is one view
+    share = by_lens[..., 1] / np.maximum(by_lens[..., 0] + by_lens[..., 1], 1e-6)
+    is_mixed = (by_lens[..., :2] > 1e-3).all(axis=-1)
+    is_pair = is_mixed[:, :-1] & is_mixed[:, 1:]
+    yield is_true("wide holes", is_pair.sum() > 100)
+    yield is_true(
+        "nearer colours count more", np.diff(share, axis=1)[is_pair] > 1e-4, is_pair.sum()
+    )
