@@ -23,7 +23,6 @@ from inim.apps.stress.pictures import (
 from inim.apps.stress.relation import EPS32, Deviation, difference, excess, is_true, relation
 from inim.display import Display
 from inim.generators import HOLE, find_sources, generate, prepare
-from inim.generators.raycast.columns import THICKNESS_PX
 from inim.generators.steps import RayGenerator
 from inim.image.color import (
     linear_from_srgb,
@@ -35,6 +34,8 @@ from inim.image.color import (
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 
 _COVERS = "generators image.color image.rgbd display.pixels display.layouts"
+# Thickness of a surface of unknown back, in picture pixels (docs/theory/templates.md).
+_THICKNESS_PX = 10
 
 
 @relation(
@@ -177,7 +178,7 @@ def _meets_plate(display: Display, rgbd: RGBD) -> np.ndarray:
     rows, columns = np.nonzero(rgbd.depth_mm == rgbd.depth_mm.max())
     front = float(rgbd.depth_mm.max())
     meets = np.zeros(len(pixels), bool)
-    for z in np.linspace(front - 2 * THICKNESS_PX * rgbd.pixel_mm, front, 80):
+    for z in np.linspace(front - 2 * _THICKNESS_PX * rgbd.pixel_mm, front, 80):
         v, u = rays.v0 + rays.dv * z, rays.u0 + rays.du * z
         meets |= (
             (v > rows.min() - 0.1) & (v < rows.max() + 1.1)
