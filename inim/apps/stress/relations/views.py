@@ -23,6 +23,7 @@ from inim.display import Display
 from inim.display.lens import channel_indices, check_lens_model, lens_model, trace_to_panel
 from inim.display.panel import white_of
 from inim.display.pixels import CENTRE, panel_points
+from inim.display.settings import plain_parameters
 from inim.display.viewpoint import Viewpoint
 from inim.generators import find_sources
 from inim.image.rgbd import Layer, LayeredRGBD
@@ -426,3 +427,33 @@ def _kept_layers(peel: Any) -> Iterator[Deviation]:
             width = np.maximum(wide / peeled.pixel_mm, 1)[peeled.covered]
             yield difference(f"{name}: widths", peeled.spread[peeled.covered], width, 0.01)
         yield difference(f"{name}: hidden layers", *depths)
+
+
+@relation(
+    "a display in a scene", covers="render.display_emitter render.sensors", limit=0.02,
+    unit="of white", source="float32 places of the renderer's own rays",
+)  # fmt: skip
+def _in_a_scene(_: str, effort: int) -> Iterator[Deviation]:
+    """An eye in a scene of the renderer sees in each lens the colour of its elemental image."""
+    from inim.render.library import mi
+
+    display = small_display(lens_columns=6, lens_rows=4)
+    per_lens = round(display.pixels_per_lens)
+    colours = np.random.default_rng(4).random((4, 6, 3)).astype(np.float32)
+    eia = colours.repeat(per_lens, axis=0).repeat(per_lens, axis=1)
+    parameters, size = plain_parameters(display), [display.width_mm / 2, display.height_mm / 2, 1]
+    turned = mi.ScalarTransform4f().translate([3, -1, 7]).rotate([0.6, 0, 0.8], 70)
+    for name, world in (("as it is", mi.ScalarTransform4f()), ("turned", turned)):
+        place = world @ mi.ScalarTransform4f().scale(size)
+        emitter = {"type": "inim_display", **parameters, "eia": mi.TensorXf(eia)}
+        eye = {"type": "inim_eye", "to_world": place, **parameters, "x_mm": 4.0, "y_mm": -3.0,
+               "z_mm": 140.0}  # fmt: skip
+        scene = mi.load_dict({
+            "type": "scene", "integrator": {"type": "path"}, "eye": eye,
+            "panel": {"type": "rectangle", "to_world": place, "emitter": emitter},
+        })  # fmt: skip
+        view = np.array(mi.render(scene, spp=16))
+        side = view.shape[0] // 4
+        inner = view.reshape(4, side, 6, side, 3)[:, 1 : side - 1, :, 1 : side - 1]
+        expected = np.broadcast_to(colours[:, None, :, None], inner.shape)
+        yield difference(name, inner / inner.mean() * expected.mean(), expected)
