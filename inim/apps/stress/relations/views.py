@@ -434,19 +434,22 @@ def _kept_layers(peel: Any) -> Iterator[Deviation]:
     unit="of white", source="float32 places of the renderer's own rays",
 )  # fmt: skip
 def _in_a_scene(_: str, effort: int) -> Iterator[Deviation]:
-    """An eye in a scene of the renderer sees in each lens the colour of its elemental image."""
+    """An eye in a scene of the renderer sees in each lens what its elemental image has for it."""
     from inim.render.library import mi
 
     display = small_display(lens_columns=6, lens_rows=4)
     per_lens = round(display.pixels_per_lens)
     colours = np.random.default_rng(4).random((4, 6, 3)).astype(np.float32)
     eia = colours.repeat(per_lens, axis=0).repeat(per_lens, axis=1)
+    # An eye below sees the upper two of five rows.
+    lower = np.arange(len(eia)) % per_lens >= 2
+    eia[lower] = 1 - eia[lower]
     parameters, size = plain_parameters(display), [display.width_mm / 2, display.height_mm / 2, 1]
     turned = mi.ScalarTransform4f().translate([3, -1, 7]).rotate([0.6, 0, 0.8], 70)
     for name, world in (("as it is", mi.ScalarTransform4f()), ("turned", turned)):
         place = world @ mi.ScalarTransform4f().scale(size)
         emitter = {"type": "inim_display", **parameters, "eia": mi.TensorXf(eia)}
-        eye = {"type": "inim_eye", "to_world": place, **parameters, "x_mm": 4.0, "y_mm": -3.0,
+        eye = {"type": "inim_eye", "to_world": place, **parameters, "x_mm": 4.0, "y_mm": -12.0,
                "z_mm": 140.0}  # fmt: skip
         scene = mi.load_dict({
             "type": "scene", "integrator": {"type": "path"}, "eye": eye,
