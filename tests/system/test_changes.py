@@ -23,7 +23,7 @@ from tests.system.conftest import Ended, install_metadata
 pytestmark = pytest.mark.slow
 SCENES = Path(__file__).parents[2] / "scenes"
 SETTINGS = {
-    "lens_columns": "16", "lens_rows": "16", "capture_spp": "32", "eia_spp": "32",
+    "lens_columns": "24", "lens_rows": "24", "capture_spp": "64", "eia_spp": "32",
     "view_spp": "64", "reconstruction_spp": "16", "algorithms": "template,planted",
     "viewpoints": "left",
 }  # fmt: skip
@@ -94,7 +94,7 @@ CHANGES = [
     Change("comment", _replace("<integrator", "<!-- paths -->\n<integrator"), verdicts=("passed",)),
     Change("seed", settings={"seed": "5"}, verdicts=("passed",)),
     Change("texture", _darken_green, named=("amphora.png",), failed=("green",)),
-    Change("display", settings={"lens_columns": "15"}, named=("display: lens_columns",),
+    Change("display", settings={"lens_columns": "23"}, named=("display: lens_columns",),
            verdicts=(CHANGED, WITHIN)),
     Change("options", settings={"algorithms": "template:samples=1,planted"},
            named=("algorithm template",), failed=("template:samples=1/left: SSIM",)),

@@ -10,7 +10,7 @@ In linear light, neither has a bias from noise. The regions are the relic and it
 and right half.
 
 The error of a mean follows from the sums x of the noise over overlapping windows of side L, half of
-the view with replicates and a quarter with halves. A window has 4 x 4 blocks, and each block is in
+the view with replicates and 16 pixels with halves. A window has 4 x 4 blocks, and each block is in
 16 windows:
 
     error^2 = (1 - d / L)^-2 / 16 sum over windows (sum over replicates of x^2) / (K (K - 1))
@@ -31,9 +31,9 @@ from inim.scores.regression.verdict import freedom_of_sum
 
 # Blocks along a side of a window.
 _WINDOW = 4
-# Blocks along a side of a view, and their least side in pixels: few windows with few parts would
-# hardly tell the error.
-_BLOCKS_OF_REPLICATES, _BLOCKS_OF_HALVES = (8, 8), (16, 4)
+# Blocks along a side of a view of replicates, and their least side in pixels. Those of halves are
+# small, because few windows of two parts would hardly tell the error.
+_BLOCKS, _LEAST_PX, _HALVES_PX = 8, 8, 4
 # Distance in pixels over which an algorithm's noise is correlated, about a lens
 # (reports/regression).
 _CORRELATED_PX = 4.4
@@ -70,8 +70,9 @@ def light_scores(
 
 def _block_px(parts: np.ndarray) -> tuple[int, int]:
     """Rows and columns of the blocks of K images."""
-    blocks, least = _BLOCKS_OF_REPLICATES if len(parts) > 2 else _BLOCKS_OF_HALVES
-    rows, columns = (max(least, math.ceil(side / blocks)) for side in parts.shape[1:3])
+    if len(parts) == 2:
+        return _HALVES_PX, _HALVES_PX
+    rows, columns = (max(_LEAST_PX, math.ceil(side / _BLOCKS)) for side in parts.shape[1:3])
     return rows, columns
 
 

@@ -308,7 +308,7 @@ def _light(_: str, effort: int) -> Iterator[Deviation]:
     region = np.zeros(shape, bool)
     region[10:50, 8:80] = True
     image = rng.random((*shape, 3))
-    for parts, side in ((8, (8, 12)), (2, (4, 6))):
+    for parts, side in ((8, (8, 12)), (2, (4, 4))):
         # Windows of four blocks, and noise that is correlated over 4.4 pixels.
         reserve = math.prod(1 - 4.4 / (4 * n) for n in side)
         for row, column in ((11, 9), (31, 47), (32, 48), (49, 79), (60, 90)):
