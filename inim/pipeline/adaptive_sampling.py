@@ -53,11 +53,9 @@ class Sampling:
         by_need = plan.by_need if is_adaptive else ()
         if plan.baseline is not None:
             usual = plan.display.layout.usual_samples
-            rounds = {
-                n: (min(usual[n], c) if n in by_need else c,) for n, c in plan.samples.items()
-            }
-            is_all = all(rounds[name] == (count,) for name, count in plan.samples.items())
-            return cls(plan.samples, () if is_all else by_need, 1.0, rounds, is_fixed=True)
+            exceeding = tuple(name for name in by_need if plan.samples[name] > usual[name])
+            rounds = {n: (usual[n] if n in exceeding else c,) for n, c in plan.samples.items()}
+            return cls(plan.samples, exceeding, 1.0, rounds, is_fixed=True)
         sampling = cls(plan.samples, by_need, LEAST if by_need else 1.0, {})
         return replace(sampling, rounds={name: (n,) for name, n in sampling.totals.items()})
 
@@ -83,11 +81,10 @@ class Sampling:
         only the observed pixels of the EIA need them.
         """
         if self.is_fixed:
-            rest = {n: (*r, self.usual[n] - r[0]) for n, r in self.rounds.items()}
-            rounds = {n: r if r[-1] else r[:-1] for n, r in rest.items()}
-            return replace(self, by_need=(), share=MOST, rounds=rounds)
-        factor = 2.0 ** max(1, math.floor(math.log2(excess))) if math.isfinite(excess) else 2.0
-        further = replace(self, share=min(factor * self.share, 1 if self.share < 1 else MOST))
+            further = replace(self, by_need=(), share=MOST)
+        else:
+            factor = 2.0 ** max(1, math.floor(math.log2(excess))) if math.isfinite(excess) else 2.0
+            further = replace(self, share=min(factor * self.share, 1 if self.share < 1 else MOST))
         rounds = {
             name: (*self.rounds[name], more) if (more := total - sum(self.rounds[name])) else
             self.rounds[name]

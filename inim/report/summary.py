@@ -191,8 +191,8 @@ def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
         blocks.append(f"Not compared: {markdown_text(names, _LONGEST_SENTENCE)}.")
     if comparison.verdict != "passed":
         blocks += [markdown_text(line, _LONGEST_SENTENCE) for line in also_changed(comparison)]
-    if isinstance(data, ReportDocument) and comparison.verdict != "passed":
-        blocks.append(f"To accept: {markdown_command(accept_command(Path('OUT')))}")
+        if isinstance(data, ReportDocument):
+            blocks.append(f"To accept: {markdown_command(accept_command(Path('OUT')))}")
     heads = ["comparison", "changed", "largest for its limit", "value", "limit"]
     rows = []
     for kind, label in _KINDS.items():

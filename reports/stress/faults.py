@@ -312,10 +312,10 @@ def write_table(stored: Mapping[str, Mapping[str, Any]]) -> None:
     for fault in FAULTS:
         result = stored.get(fault_key(fault), {})
         cells = {c: result.get(c) for c in COLUMNS}
-        if not fault.equivalent and all(value is not None for value in cells.values()):
-            for column, value in {**cells, "all together": any(cells.values())}.items():
-                counts[column][0] += bool(value)
-                counts[column][1] += 1
+        known = {} if fault.equivalent else {c: v for c, v in cells.items() if v is not None}
+        for column, value in {**known, "all together": any(known.values())}.items():
+            counts[column][0] += bool(value)
+            counts[column][1] += bool(known)
         texts = ["not run" if v is None else _cell(v) for v in cells.values()]
         if fault.equivalent:
             texts = [f"equivalent: {fault.equivalent}"] * len(texts)

@@ -151,6 +151,12 @@ class Layout(ABC):
         )
 
     @property
+    def _turn(self) -> tuple[float, float]:
+        """Cosine and sine of the array's rotation."""
+        angle = math.radians(self.display.rotation_deg)
+        return math.cos(angle), math.sin(angle)
+
+    @property
     def _rotation_factors(self) -> tuple[float, float]:
         """Sizes of the cosine and the sine of the array's rotation."""
         angle = math.radians(self.display.rotation_deg)
@@ -297,9 +303,8 @@ class Layout(ABC):
 
     def eye_offset(self, x: float, y: float) -> tuple[float, float]:
         """Offsets of an eye from the array's centre, along its axes, as of `flip_limit_mm`."""
-        turn = math.radians(self.display.rotation_deg)
+        c, s = self._turn
         x, y = x - self.display.shift_x_mm, y - self.display.shift_y_mm
-        c, s = math.cos(turn), math.sin(turn)
         return c * x + s * y, c * y - s * x
 
     def nearest_viewing_distance_mm(self) -> float:

@@ -137,11 +137,6 @@ vec3 lens_centre(vec2 point) {
         return (lens + first).astype(np.int64), x0, y0
 
     @property
-    def _turn(self) -> tuple[float, float]:
-        angle = math.radians(self.display.rotation_deg)
-        return math.cos(angle), math.sin(angle)
-
-    @property
     def crossing_steps(self) -> tuple[float, float]:
         """See `Layout.crossing_steps`: along the axis, for the same eye."""
         c, s = self._turn

@@ -26,6 +26,7 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 
 from inim.image.noisy_image import NoisyImage
+from inim.scores.regression.noise_free import sum_blocks
 from inim.scores.regression.scores import LIGHT, ScoreEstimate, common_replicates
 from inim.scores.regression.verdict import freedom_of_sum
 
@@ -78,10 +79,7 @@ def _block_px(parts: np.ndarray) -> tuple[int, int]:
 
 def _block_sums(parts: np.ndarray, mask: np.ndarray) -> np.ndarray:
     """Sums of K images over a mask by block, (K, rows, columns) float64."""
-    sums = np.where(mask, parts, 0).astype(np.float64)
-    for axis, side in enumerate(_block_px(parts), start=1):
-        sums = np.add.reduceat(sums, np.arange(0, sums.shape[axis], side), axis=axis)
-    return sums
+    return np.stack([sum_blocks(np.where(mask, part, 0), _block_px(parts)) for part in parts])
 
 
 def _estimate(sums: np.ndarray, noise: np.ndarray, block_px: tuple[int, int]) -> ScoreEstimate:

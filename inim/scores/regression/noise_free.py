@@ -125,11 +125,11 @@ def _from_levels(
     return MeanEstimate(means[0] - correction, error, freedom, (rest, rest), responses)
 
 
-def sum_blocks(values: np.ndarray) -> np.ndarray:
-    """Sums of a (rows, columns) map over the blocks, float64."""
+def sum_blocks(values: np.ndarray, block_px: tuple[int, int] = (BLOCK_PX, BLOCK_PX)) -> np.ndarray:
+    """Sums of a (rows, columns) map over blocks of rows and columns, float64."""
     values = values.astype(np.float64)
-    for axis in (0, 1):
-        values = np.add.reduceat(values, np.arange(0, values.shape[axis], BLOCK_PX), axis=axis)
+    for axis, side in enumerate(block_px):
+        values = np.add.reduceat(values, np.arange(0, values.shape[axis], side), axis=axis)
     return values
 
 

@@ -230,6 +230,12 @@ def _estimators(_: str, effort: int) -> Iterator[Deviation]:
     yield difference("quarter of it", flip.extension, (quarter, quarter), 10.0)
 
 
+def _design_effect(observed: np.ndarray, independent: np.ndarray) -> float:
+    """Variance of tiles' means over that of independent pixels, in the mean or the median tile."""
+    median = float(np.median(observed / independent)) / 0.454936  # of a squared normal number
+    return float(max(1.0, observed.sum() / independent.sum(), median))
+
+
 @relation(
     "statistics of tiles", covers="scores.regression.tiles", limit=1, unit="1e-5 relative",
     source="float32 storage of float64 sums",
@@ -243,7 +249,7 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
     own = tile_statistics(image, tile)
     a, b = first.astype(float), second.astype(float)
     rows, columns = truth.shape[:2]
-    mean, power, variance, sums = [], [], [], []
+    mean, power, variance, sums, evenness, count = [], [], [], [], [], []
     for r in range(0, rows, 10):
         for c in range(0, columns, 9):
             part = np.s_[r : r + 10, c : c + 9]
@@ -252,21 +258,17 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
             power.append((a * b)[part].mean())
             variance.append((((a - b)[part] / 2) ** 2).sum(axis=(0, 1)) / n**2)
             sums.append((a - b)[part].sum(axis=(0, 1)) / n)
+            squares = ((a - b)[part] / 2) ** 2
+            evenness.append(squares.sum(axis=(0, 1)) ** 2 / (squares**2).sum(axis=(0, 1)))
+            count.append([n])
     shape = own.mean.shape
     yield difference("mean", own.mean, np.reshape(mean, shape), 1e-5)
     yield difference("power", own.power, np.reshape(power, shape[:2]), 1e-5)
     observed, independent = np.array(sums) ** 2 / 4, np.array(variance)
-    effect = max(1.0, observed.sum() / independent.sum(),
-                 float(np.median(observed / independent)) / 0.454936)  # fmt: skip
+    effect = _design_effect(observed, independent)
     error = np.sqrt(effect * independent).reshape(shape)
     yield difference("error", own.mean_error, error, 1e-5)
-    degrees = []
-    for r in range(0, rows, 10):
-        for c in range(0, columns, 9):
-            squares = ((a - b)[r : r + 10, c : c + 9] / 2) ** 2
-            most = squares.shape[0] * squares.shape[1]
-            even = 3 * squares.sum(axis=(0, 1)) ** 2 / (squares**2).sum(axis=(0, 1)) - 2
-            degrees.append(np.maximum(np.minimum(even, most) / effect, 1.0))
+    degrees = np.maximum(np.minimum(3 * np.array(evenness) - 2, count) / effect, 1.0)
     yield difference("freedom", own.freedom, np.reshape(degrees, shape), 1e-4)
     noise = (a - b) ** 2
     spread = np.sqrt(((a + b) / 2) ** 2 * noise + noise**2 / 12).mean(axis=-1)
@@ -283,9 +285,7 @@ def _tiles(_: str, effort: int) -> Iterator[Deviation]:
     plain = tile_statistics(repeated, (8, 8))
     changes = ((a - b)[::2, ::2] / 2).reshape(rows // 8, 4, columns // 8, 4, 3)
     squares, fourths = ((changes**power).sum(axis=(1, 3)) for power in (2, 4))
-    ratios = changes.sum(axis=(1, 3)) ** 2 / squares
-    total = (changes.sum(axis=(1, 3)) ** 2).sum() / squares.sum()
-    effect = max(1.0, total, float(np.median(ratios)) / 0.454936)
+    effect = _design_effect(changes.sum(axis=(1, 3)) ** 2, squares)
     degrees = np.maximum(np.minimum(3 * squares**2 / fourths - 2, 64) / effect, 1.0)
     yield difference("freedom of sets", sets.freedom, degrees, 1e-4)
     yield is_true("sets are noisier", (sets.mean_error / plain.mean_error).mean() > 0.9)
