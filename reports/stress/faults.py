@@ -312,10 +312,10 @@ def write_table(stored: Mapping[str, Mapping[str, Any]]) -> None:
     for fault in FAULTS:
         result = stored.get(fault_key(fault), {})
         cells = {c: result.get(c) for c in COLUMNS}
-        known = {} if fault.equivalent else {c: v for c, v in cells.items() if v is not None}
-        for column, value in {**known, "all together": any(known.values())}.items():
+        columns_run = {} if fault.equivalent else {c: v for c, v in cells.items() if v is not None}
+        for column, value in {**columns_run, "all together": any(columns_run.values())}.items():
             counts[column][0] += bool(value)
-            counts[column][1] += bool(known)
+            counts[column][1] += bool(columns_run)
         texts = ["not run" if v is None else _cell(v) for v in cells.values()]
         if fault.equivalent:
             texts = [f"equivalent: {fault.equivalent}"] * len(texts)
