@@ -12,7 +12,7 @@ from fractions import Fraction
 
 import numpy as np
 
-from inim.apps.stress.oracles.rays import rays_over
+from inim.apps.stress.oracles.rays import panel_rays, rays_over
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, PixelOffset, SubPixel, exact_length
 from inim.generators.steps import RayGenerator
@@ -257,3 +257,114 @@ def expected_colours(
             result[:, 3:] += ray_values(opacity, *ray) * len(channels) / 3 / samples
     assert sources.keys() == set(starts), "rays start elsewhere"
     return result
+
+
+# -- the fill of holes: the section "Hidden regions" of `docs/theory/templates.md` --------------
+
+# Lenses to look aside from a hole.
+_REACH = 64
+_DIRECTIONS = [(down, right) for down in (-1, 0, 1) for right in (-1, 0, 1) if down or right]
+
+
+class HoleFill:
+    """Fill of the holes of a view, in plain loops.
+
+    Parameters
+    ----------
+    display : Display
+        A separable display.
+    rgbd : RGBD
+        Picture, or layers, that no ray leaves.
+    sources : (rows, columns) int
+        Source of each panel pixel; -1 is a hole, -2 has no lens.
+    """
+
+    def __init__(self, display: Display, rgbd: RGBD, sources: np.ndarray) -> None:
+        self._display, self._sources, self._shape = display, sources, rgbd.shape
+        pixels = np.argwhere(np.ones(display.eia_shape, bool))
+        rays = rays_over(display, rgbd, pixels)
+        self._rays = np.stack([rays.v0, rays.dv, rays.u0, rays.du], axis=-1)
+        lens = panel_rays(display, pixels).lens.reshape(display.eia_shape)
+        row, column = np.where(lens >= 0, np.divmod(lens, display.lens_columns), -1)
+        self._lenses = row.max(axis=1), column.max(axis=0)
+        pitches = display.elemental_row_pitch_mm, display.elemental_image_pitch_mm
+        pixel = exact_length(display.pixel_pitch_mm)
+        self._pitches = [exact_length(pitch) / pixel for pitch in pitches]
+        self._front = np.where(rgbd.covered, rgbd.depth_mm.astype(float), -np.inf)
+        self._depth = np.stack([layer.front_mm for layer in rgbd.layers]).astype(float).ravel()
+        self._covered = np.stack([layer.covered for layer in rgbd.layers]).ravel()
+        self._light = np.concatenate([layer.color.reshape(-1, 3) for layer in rgbd.layers])
+        self._same_mm = STEEPEST * rgbd.pixel_mm
+        self._places: dict[tuple[int, int, int], int | None] = {}
+
+    def light(self, row: int, column: int) -> np.ndarray | None:
+        """Light that a hole receives, (3,); None if it remains."""
+        lowest = float(self._display.depth_range_mm[0])
+        if self._seen(row, column, lowest) == -np.inf:
+            return None
+        candidates = [self._candidate(row, column, step) for step in _DIRECTIONS]
+        surfaces = [surface for surface in candidates if surface is not None]
+        if any(is_hidden for _, _, is_hidden, _ in surfaces):
+            surfaces = [surface for surface in surfaces if surface[2]]
+        elif surfaces and (self._front > -np.inf).all():
+            farthest = min(self._depth[source] for source, *_ in surfaces)
+            surfaces = [s for s in surfaces if self._depth[s[0]] <= farthest + self._same_mm]
+        else:
+            return None
+        aspect = self._display.row_pitch_mm / self._display.pitch_mm
+        shares = [1 / (away * math.hypot(down * aspect, right))
+                  for _, away, _, (down, right) in surfaces]  # fmt: skip
+        light = [self._light[self._beyond(source, step)] for source, _, _, step in surfaces]
+        mean: np.ndarray = np.average(light, axis=0, weights=shares)
+        return mean
+
+    def _candidate(
+        self, row: int, column: int, step: tuple[int, int]
+    ) -> tuple[int, int, bool, tuple[int, int]] | None:
+        """Next surface of the view in a direction, lenses away, whether it is certainly hidden."""
+        empty = [(row, column)]
+        for away in range(1, _REACH + 1):
+            place = [self._beside(n, away * s, axis)
+                     for axis, (n, s) in enumerate(zip((row, column), step, strict=True))]  # fmt: skip
+            if place[0] is None or place[1] is None:
+                return None
+            source = int(self._sources[place[0], place[1]])
+            if source == -2:
+                return None
+            if source >= 0:
+                depth = self._depth[source]
+                nearest = min(self._seen(*pixel, depth) for pixel in empty)
+                if nearest == -np.inf:
+                    return None
+                return source, away, nearest >= depth - self._same_mm, step
+            empty.append((place[0], place[1]))
+        return None
+
+    def _beside(self, pixel: int, lenses: int, axis: int) -> int | None:
+        """Pixel of another lens that is nearest to the same place; the later one of two."""
+        key = pixel, lenses, axis
+        if key not in self._places:
+            of = self._lenses[axis]
+            others = np.flatnonzero((of == of[pixel] + lenses) & (of >= 0))
+            place = pixel + lenses * self._pitches[axis]
+            by_distance = sorted((abs(int(other) - place), -int(other)) for other in others)
+            self._places[key] = -by_distance[0][1] if by_distance else None
+        return self._places[key]
+
+    def _seen(self, row: int, column: int, depth: float) -> float:
+        """Depth that the picture shows where a ray is at a depth; infinite beyond the picture."""
+        v0, dv, u0, du = self._rays[row * self._sources.shape[1] + column]
+        v, u = math.floor(v0 + dv * depth), math.floor(u0 + du * depth)
+        is_inside = 0 <= v < self._shape[0] and 0 <= u < self._shape[1]
+        return float(self._front[v, u]) if is_inside else math.inf
+
+    def _beyond(self, source: int, step: tuple[int, int]) -> int:
+        """The picture's next pixel away from the hole if it is on the same surface, or itself."""
+        rows, columns = self._shape
+        layer, place = divmod(source, rows * columns)
+        row, column = place // columns + step[0], place % columns + step[1]
+        if not (0 <= row < rows and 0 <= column < columns):
+            return source
+        other = (layer * rows + row) * columns + column
+        is_same = abs(self._depth[other] - self._depth[source]) <= self._same_mm
+        return other if self._covered[other] and is_same else source

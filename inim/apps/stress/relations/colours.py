@@ -7,6 +7,7 @@ import numpy as np
 
 from inim.apps.stress.oracles.colours import (
     COLOURS,
+    HoleFill,
     code_from_linear,
     expected_colours,
     linear_from_code,
@@ -268,3 +269,47 @@ def _between_two_colours() -> Iterator[Deviation]:
     yield is_true(
         "nearer colours count more", np.diff(share, axis=1)[is_pair] > 1e-4, is_pair.sum()
     )
+
+
+@relation(
+    "the fill of every hole", covers="generators display.pixels", limit=1, unit="1e-5 of white",
+    source="docs/theory/templates.md; float32",
+)  # fmt: skip
+def _fill_of_holes(_: str, effort: int) -> Iterator[Deviation]:
+    """A hole has the mean light of the surfaces of its view that the picture could not see."""
+    kinds: dict[str, dict[str, object]] = {
+        "whole pitch": {}, "broken pitch": {"pixel_pitch_mm": 0.19}, "aimed": {
+            "elemental_pitch_mm": 1.013, "shift_x_mm": 0.2}, "rows apart": {"pitch_y_mm": 1.3},
+    }  # fmt: skip
+    for seed, (name, changes) in enumerate(kinds.items()):
+        display = small_display(
+            lens_columns=9, lens_rows=7, depth_min_mm=8.0, depth_max_mm=30.0, **changes
+        )
+        for covered in (1.0, 0.85):
+            rgbd, spec = _sheets(display, seed, covered), "layered:samples=1:colour=nearest"
+            eia = generate(rgbd, display, f"{spec}:fill=hidden")
+            sources = find_sources(rgbd, display, f"{spec}:fill=none")
+            oracle = HoleFill(display, rgbd, sources)
+            holes = np.argwhere(sources == HOLE)[:: 1 + 4 // effort]
+            light = [oracle.light(row, column) for row, column in holes]
+            expected = [np.zeros(3) if color is None else color for color in light]
+            yield is_true(f"{name}, {covered}: holes", len(holes) > 50, len(holes))
+            case = f"{name}, {covered}"
+            yield difference(case, eia[tuple(holes.T)], np.array(expected), 1e-5)
+
+
+def _sheets(display: Display, seed: int, covered: float) -> LayeredRGBD:
+    """Squares of 4 x 4 pixels, thin and rough, at random depths; some are missing."""
+    rng = np.random.default_rng(seed)
+    shape = display.capture_shape(2)
+    blocks = tuple(-(-n // 4) for n in shape)
+    low, high = display.depth_range_mm
+
+    def spread(values: np.ndarray) -> np.ndarray:
+        return np.kron(values, np.ones((4, 4)))[: shape[0], : shape[1]]
+
+    depth = spread(low + 2 + (high - low - 4) * rng.random(blocks)) + rng.uniform(-2, 2, shape)
+    front = depth.astype(np.float32)
+    color = rng.random((*shape, 3)).astype(np.float32)
+    mask = spread((rng.random(blocks) < covered).astype(float)) > 0
+    return LayeredRGBD(color, front, mask, display.pitch_mm / 2, front - np.float32(0.5), ())

@@ -228,6 +228,46 @@ def _reach(_: str, effort: int) -> Iterator[Deviation]:
 
 
 @relation(
+    "culled pixels", covers="render.culling render.rays", limit=0, unit="wrong answers",
+    source="a ray that meets an occupied cell may show its content",
+)  # fmt: skip
+def _culled(_: str, effort: int) -> Iterator[Deviation]:
+    """No pixel is skipped of which a ray passes an occupied cell, and most others are."""
+    from inim.render.culling import BoundsGrid
+
+    shape = slabs, rows, columns = 4, 11, 13
+    skipped = []
+    for seed, (name, display) in enumerate(displays()):
+        rays = pickup_rays(display, _START)
+        places = [v.astype(float) for v in traced(rays, 4 * effort)[6:10]]
+        deepest, highest = display.depth_range_mm
+        reach = [np.quantile(start, (0.1, 0.9)) for start in places[:2]]
+        low = np.array([reach[0][0], reach[1][0], deepest])
+        cell = (np.array([reach[0][1], reach[1][1], highest]) - low) / (columns, rows, slabs)
+        occupied = np.random.default_rng(seed).random(shape) < 0.02
+        counts = np.zeros((slabs, rows + 1, columns + 1), np.int64)
+        counts[:, 1:, 1:] = occupied.cumsum(axis=1).cumsum(axis=2)
+        visible = BoundsGrid(low, cell, counts, _START).visible_pixels(rays)
+        meets = np.zeros(visible.size, bool)
+        for slab in range(slabs):
+            for height in (0.02, 0.5, 0.98):
+                depth = _START - (low[2] + (slab + height) * cell[2])
+                x, y = (a + b * depth for a, b in zip(places[:2], places[2:], strict=True))
+                across, up = (x - low[0]) / cell[0], (y - low[1]) / cell[1]
+                column, row = np.floor(across).astype(int), np.floor(up).astype(int)
+                is_inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
+                edge = np.minimum(np.abs(across - np.rint(across)), np.abs(up - np.rint(up)))
+                is_met = occupied[slab, row.clip(0, rows - 1), column.clip(0, columns - 1)]
+                meets |= (is_met & is_inside & (edge > 1e-3)).any(axis=1)
+        lensed = display.lensed.ravel()
+        missed = meets & ~visible.ravel() & lensed
+        yield is_true(f"{name}: skipped", not missed.any(), int(lensed.sum()))
+        yield is_true(f"{name}: met", meets.any())
+        skipped.append(float((~visible).mean()))
+    yield is_true("most pixels are skipped somewhere", max(skipped) > 0.5)
+
+
+@relation(
     "random points", covers="render.counter_sampler render.trace", limit=0, unit="empty cells",
     source="the (0, 2)-sequence has one point in every elementary interval",
 )  # fmt: skip

@@ -199,14 +199,20 @@ _CENTRE, _RADIUS = np.array([-1.2, 0.7, 0.3]), 0.45
 
 
 def _open(display: Display, share: float) -> Any:
+    """The plates and the ball."""
+    plates = [_PLATE.format(*plate[:5], ",".join(map(str, plate[5]))) for plate in _PLATES]
+    ball = _BALL.format(*_CENTRE, _RADIUS, "0,0,0.6")
+    return _open_text(_SCENE.format("".join(plates) + ball), display, share)
+
+
+def _open_text(text: str, display: Display, share: float, folder: str | None = None) -> Any:
+    """Scene of a text, next to its files in a folder."""
     from inim.render.scene import open_scene
     from inim.render.scene_files.file import read_scene_file
 
-    plates = [_PLATE.format(*plate[:5], ",".join(map(str, plate[5]))) for plate in _PLATES]
-    ball = _BALL.format(*_CENTRE, _RADIUS, "0,0,0.6")
-    with tempfile.TemporaryDirectory() as folder:
-        path = Path(folder) / "plates.xml"
-        path.write_text(_SCENE.format("".join(plates) + ball), encoding="utf-8")
+    with tempfile.TemporaryDirectory() as own_folder:
+        path = Path(folder or own_folder) / "scene.xml"
+        path.write_text(text, encoding="utf-8")
         return open_scene(read_scene_file(path), display, share)
 
 
@@ -427,6 +433,106 @@ def _kept_layers(peel: Any) -> Iterator[Deviation]:
             width = np.maximum(wide / peeled.pixel_mm, 1)[peeled.covered]
             yield difference(f"{name}: widths", peeled.spread[peeled.covered], width, 0.01)
         yield difference(f"{name}: hidden layers", *depths)
+
+
+# A post, a square prism along z in a white room: half its sides, and the colours of its faces.
+_ROOM = """<scene version="3.0.0"><integrator type="path"><integer name="max_depth" value="2"/>
+</integrator><emitter type="constant"><rgb name="radiance" value="1"/></emitter>{}</scene>"""
+_FACE = """<shape type="rectangle"><transform name="to_world">{0}</transform><bsdf type="twosided">
+<bsdf type="diffuse"><rgb name="reflectance" value="{1}"/></bsdf></bsdf></shape>"""
+_FACES = {
+    "front": ("", (0.5, 0.5, 0.5)),
+    "left": ('<rotate y="1" angle="-90"/>', (0.8, 0.0, 0.0)),
+    "right": ('<rotate y="1" angle="90"/>', (0.0, 0.8, 0.0)),
+    "above": ('<rotate x="1" angle="-90"/>', (0.0, 0.0, 0.8)),
+    "below": ('<rotate x="1" angle="90"/>', (0.8, 0.8, 0.0)),
+    "behind": ('<rotate y="1" angle="180"/>', (0.5, 0.5, 0.5)),
+}
+
+
+@relation(
+    "colours of sides", covers="render.ground_truth render.depth_peeling image.sides", limit=0.06,
+    unit="of white", source="noise of 64 samples; a side within half a pixel of its wall",
+)  # fmt: skip
+def _sides(_: str, effort: int) -> Iterator[Deviation]:
+    """A side has the colour of its face; at a corner, faces count by the slopes of their rays."""
+    from inim.render.depth_peeling import peel
+    from inim.render.ground_truth import capture_layers
+
+    faces = [
+        _FACE.format(f'<translate z="1"/>{turn}<scale value="2"/>', ",".join(map(str, color)))
+        for turn, color in _FACES.values()
+    ]
+    colors = {name: np.array(color) for name, (_, color) in _FACES.items()}
+    sides = [colors[name] for name in ("left", "right", "above", "below")]
+    for changes in ({"pitch_y_mm": 0.4, "lens_rows": 20}, {"pitch_y_mm": 2.0, "lens_rows": 4}):
+        display = small_display(
+            **{"lens_columns": 8, "depth_min_mm": 9.0, "depth_max_mm": 15.0, **changes}
+        )
+        steep = display.pitch_mm / 2, display.row_pitch_mm / 2
+        # 20 pixels wide and high: the faces are borders of pixels.
+        fitted = _open_text(_ROOM.format("".join(faces)), display, 0.625)
+        peeled = peel(fitted, display, pixels_per_pitch=4)
+        picture = capture_layers(fitted, peeled, spp=16 * effort, seed=1)
+        covered = np.pad(picture.layers[0].covered, 1)
+        middle = np.s_[1:-1, 1:-1]
+        is_open = [~np.roll(covered, move, axis=axis)[middle]
+                   for axis, move in ((1, 1), (1, -1), (0, 1), (0, -1))]  # fmt: skip
+        for right, down in ((0, 2), (0, 3), (1, 2), (1, 3), (0, None), (None, 3)):
+            # Corners have two open sides, edges one.
+            there = picture.layers[0].covered.copy()
+            for side, is_beside in enumerate(is_open):
+                there &= is_beside == (side in (right, down))
+            weights = [s * (n is not None) for s, n in zip(steep, (right, down), strict=True)]
+            parts = [w * sides[n] for w, n in zip(weights, (right, down), strict=True)
+                     if n is not None]  # fmt: skip
+            own = [layer.color[there & layer.covered] for layer in picture.layers[1:]]
+            shown = np.concatenate(own)
+            expected = sum(parts) / sum(weights)
+            case = f"{changes}, {right}, {down}"
+            yield is_true(f"{case}: pieces", len(shown) > 3)
+            yield difference(case, shown.mean(axis=0) if len(shown) else 0.0, expected)
+
+
+@relation(
+    "layers of splats", covers="render.splats render.depth_peeling", limit=0.02,
+    unit="share of the depth range", source="shells of splats are polyhedra",
+)  # fmt: skip
+def _layers_of_splats(_: str, effort: int) -> Iterator[Deviation]:
+    """Splats with overlapping supports are one layer, from its half light to its last peak."""
+    from inim.render.depth_peeling import peel
+    from inim.render.meshes.splat_ply import Splats, write_splats
+    from inim.render.scene_files.relic_scene import splat_scene_xml
+
+    # Supports end where opacity is a hundredth: at 3.03 standard deviations.
+    cases = {
+        "apart": ((5.0, -5.0), ((0, 0), (1, 1))),
+        "overlapping": ((6.0, 2.0, -7.0), ((0, 1), (2, 2))),
+        "chain": ((6.0, 2.0, -2.0, -6.0), ((0, 3),)),
+    }
+    for name, (peaks, layers) in cases.items():
+        count = len(peaks)
+        splats = Splats(
+            np.array([(0, 0, z) for z in peaks], np.float32), np.zeros((count, 3), np.float32),
+            np.tile(np.float32([1, 0, 0, 0]), (count, 1)), np.full(count, 4.6, np.float32),
+            np.ones((count, 1, 3), np.float32),
+        )  # fmt: skip
+        display = small_display(lens_columns=9, lens_rows=9, depth_min_mm=9.0, depth_max_mm=15.0)
+        half = np.array([3.1, 3.1, 10.0])
+        with tempfile.TemporaryDirectory() as folder:
+            write_splats(Path(folder) / "splats.ply", splats)
+            xml = splat_scene_xml("splats.ply", half, name)
+            fitted = _open_text(xml, display, 0.8, folder)
+        forward = fitted.fit.display_from_world
+        depths = [forward[2, 2] * z + forward[2, 3] for z in peaks]
+        peeled = peel(fitted, display, pixels_per_pitch=1, hidden=True)
+        row, column = (n // 2 for n in peeled.front_mm.shape[1:])
+        number = int(peeled.covered[:, row, column].sum())
+        yield is_true(f"{name}: {number} layers", number == len(layers))
+        for k, (first, last) in enumerate(layers[:number]):
+            front, back = peeled.front_mm[k, row, column], peeled.back_mm[k, row, column]
+            yield difference(f"{name}: front {k}", front, depths[first], 6.0)
+            yield excess(f"{name}: back {k}", (back - depths[last]) / 6.0, 0.0)
 
 
 @relation(
