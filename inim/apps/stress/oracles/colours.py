@@ -324,11 +324,11 @@ class HoleFill:
         """Next surface of the view in a direction, lenses away, whether it is certainly hidden."""
         empty = [(row, column)]
         for away in range(1, _REACH + 1):
-            place = [self._beside(n, away * s, axis)
-                     for axis, (n, s) in enumerate(zip((row, column), step, strict=True))]  # fmt: skip
-            if place[0] is None or place[1] is None:
+            down = self._beside(row, away * step[0], 0)
+            right = self._beside(column, away * step[1], 1)
+            if down is None or right is None:
                 return None
-            source = int(self._sources[place[0], place[1]])
+            source = int(self._sources[down, right])
             if source == -2:
                 return None
             if source >= 0:
@@ -337,7 +337,7 @@ class HoleFill:
                 if nearest == -np.inf:
                     return None
                 return source, away, nearest >= depth - self._same_mm, step
-            empty.append((place[0], place[1]))
+            empty.append((down, right))
         return None
 
     def _beside(self, pixel: int, lenses: int, axis: int) -> int | None:

@@ -487,11 +487,11 @@ def _sides(_: str, effort: int) -> Iterator[Deviation]:
             parts = [w * sides[n] for w, n in zip(weights, (right, down), strict=True)
                      if n is not None]  # fmt: skip
             own = [layer.color[there & layer.covered] for layer in picture.layers[1:]]
-            shown = np.concatenate(own)
+            colours = np.concatenate(own)
             expected = sum(parts) / sum(weights)
             case = f"{changes}, {right}, {down}"
-            yield is_true(f"{case}: pieces", len(shown) > 3)
-            yield difference(case, shown.mean(axis=0) if len(shown) else 0.0, expected)
+            yield is_true(f"{case}: pieces", len(colours) > 3)
+            yield difference(case, colours.mean(axis=0) if len(colours) else 0.0, expected)
 
 
 @relation(
