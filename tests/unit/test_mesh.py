@@ -250,7 +250,7 @@ STRIPS = (
         ("line.ply", tetrahedron_ply(POINTS * [1, 0, 0]), "zero area"),
         ("far.ply", tetrahedron_ply(POINTS * np.float32(1e30)), "3e+30"),
         ("range.obj", OBJ + "f 1 2 9\n", "out of bounds"),
-        ("relative.obj", OBJ + "f -1 -2 -9\n", "out of bounds"),
+        ("relative.obj", OBJ + "f -1 -2 -9\n", "index -9 after 4 vertices"),
         ("words.obj", OBJ + "v one two three\n", "not a readable obj"),
         ("flat.obj", OBJ.replace("v 1.0 0.0 0.0", "v 1.0 0.0"), "numbers"),
         ("slash.obj", OBJ + "f 1/1 /2 3\n", "not a readable obj"),

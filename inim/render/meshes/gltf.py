@@ -1,12 +1,16 @@
-"""Extensions of glTF 2.0 that trimesh does not read, and those that nothing here reads.
+"""Parts of glTF 2.0 that trimesh does not read, and those that nothing here reads.
 
 Quantized numbers (KHR_mesh_quantization), transformed texture coordinates (KHR_texture_transform)
-and other sets of them become what trimesh reads: floating-point numbers in `TEXCOORD_0`.
+and other sets of them become what trimesh reads: floating-point numbers in `TEXCOORD_0`. Instances
+(EXT_mesh_gpu_instancing) become nodes. A black surface that shines has the colour of its light.
 """
 
+import base64
 import json
 import math
 import shlex
+from collections import Counter
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -19,19 +23,35 @@ from inim.system.errors import FileError
 _DECODED = "INIM_decoded"
 _DRACO = "KHR_draco_mesh_compression"
 _TRANSFORM = "KHR_texture_transform"
+_INSTANCES = "EXT_mesh_gpu_instancing"
+_SPECULAR = "KHR_materials_pbrSpecularGlossiness"
+_STRENGTH = "KHR_materials_emissive_strength"
+# Extensions that are read here, or by trimesh.
+_READ = {_DRACO, _TRANSFORM, _INSTANCES, _SPECULAR, _STRENGTH, "KHR_mesh_quantization",
+         "EXT_texture_webp"}  # fmt: skip
+# Of a material, whose base colour is all that a relic shows.
+_OF_MATERIALS = "KHR_materials_"
 # Needed extensions that are not read, with the command of glTF Transform that removes each.
-_UNREAD = {
+_CONVERTED = {
     "EXT_meshopt_compression": "copy",
     "KHR_meshopt_compression": "copy",
     "KHR_texture_basisu": "ktxdecompress",
 }
+_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
+_MOST_INSTANCES = 100_000
+_TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _GLB_MAGIC = b"glTF"
 # File header, and the header of the first chunk.
 _GLB_START = 20
 
 
-def prepare_gltf(path: Path, data: bytes) -> bytes:
+def prepare_gltf(
+    path: Path, data: bytes, read_companion: Callable[[str], bytes], warn: Callable[[str], object]
+) -> bytes:
     """A glTF or GLB file that trimesh reads correctly.
+
+    * `read_companion`: returns the content of a companion file by its name.
+    * `warn`: called with a line on content that is not read.
 
     Raises `FileError`: the file needs an extension that is not read. Raises `ValueError`, or
     another exception, for a damaged file.
@@ -42,7 +62,15 @@ def prepare_gltf(path: Path, data: bytes) -> bytes:
     _check_extensions(path, header)
     primitives = [p for mesh in header.get("meshes", []) for p in mesh["primitives"]]
     _check_accessors(header, primitives, len(data))
-    changes = [_mark(header, primitive) for primitive in primitives]
+    if lost := [f"{n} {name}" if n else name for name, n in _unread(header, primitives).items()]:
+        warn(f"{path}: not read: {', '.join(lost)}; the relic goes without")
+    changes = [_show_emission(material) for material in header.get("materials", [])]
+    binary = data[end + 8 :]  # the header of the second chunk has 8 bytes
+    changes += [
+        _place_instances(header, node, binary, read_companion)
+        for node in [*header.get("nodes", [])]
+    ]
+    changes += [_mark(header, primitive) for primitive in primitives]
     if not any(changes):
         return data
     text = json.dumps(header).encode()
@@ -54,15 +82,131 @@ def prepare_gltf(path: Path, data: bytes) -> bytes:
     return data[:8] + size.to_bytes(4, "little") + chunk + data[end:]
 
 
+def count_triangles(data: bytes) -> int | None:
+    """Triangles that the nodes of a file place, instances included; None if it is not known."""
+    is_binary = data.startswith(_GLB_MAGIC)
+    end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
+    header = json.loads(data[_GLB_START:end] if is_binary else data)
+    total = 0
+    for node in header.get("nodes", []):
+        instances = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
+        copies = [header["accessors"][index]["count"] for index in instances.values()] or [1]
+        if "mesh" in node:
+            for primitive in header["meshes"][node["mesh"]]["primitives"]:
+                total += max(copies) * _triangles(header, primitive)
+    return total
+
+
+def _triangles(header: dict[str, Any], primitive: dict[str, Any]) -> int:
+    corners = primitive.get("indices", primitive["attributes"].get("POSITION"))
+    count = int(header["accessors"][corners]["count"])
+    mode = primitive.get("mode", _TRIANGLES)
+    return count // 3 if mode == _TRIANGLES else max(0, count - 2) * (mode in (_STRIP, _FAN))
+
+
 def _check_extensions(path: Path, header: dict[str, Any]) -> None:
     for name in header.get("extensionsRequired", []):
-        if name in _UNREAD:
+        if name in _CONVERTED:
             converted = f"{path.stem}-converted.glb"
-            command = ["npx", "@gltf-transform/cli", _UNREAD[name], str(path), converted]
+            command = ["npx", "@gltf-transform/cli", _CONVERTED[name], str(path), converted]
             raise FileError(
                 f"{path}: needs {name}, which inim does not read; convert it with glTF Transform "
                 f"(Node.js): {shlex.join(command)}"
             )
+        if name not in _READ and not name.startswith(_OF_MATERIALS):
+            raise FileError(
+                f"{path}: needs {name}, which inim does not read; export it without that extension"
+            )
+
+
+def _unread(header: dict[str, Any], primitives: list[dict[str, Any]]) -> Counter[str]:
+    """Content of a file that changes what is seen and is not read, with its number or 0."""
+    lost = Counter({name: 0 for name in header.get("extensionsUsed", []) if name not in _READ})
+    for name in ("animations", "skins"):
+        lost[name] = len(header.get(name, []))
+    lost["morph targets"] = sum(len(p.get("targets", [])) for p in primitives)
+    lost["sets of points or lines"] = sum(
+        p.get("mode", _TRIANGLES) < _TRIANGLES for p in primitives
+    )
+    lost["further scenes"] = max(0, len(header.get("scenes", [])) - 1)
+    for material in header.get("materials", []):
+        is_lit = "emissiveTexture" in material or any(material.get("emissiveFactor", ()))
+        lost["emissions of coloured surfaces"] += is_lit and not _is_black(material)
+    used = set(header.get("extensionsUsed", []))
+    return Counter({name: n for name, n in lost.items() if n or name in used})
+
+
+def _is_black(material: dict[str, Any]) -> bool:
+    glossy = material.get("extensions", {}).get(_SPECULAR)
+    if glossy is not None:
+        return not any(glossy.get("diffuseFactor", (1,))[:3])
+    return not any(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1,))[:3])
+
+
+def _show_emission(material: dict[str, Any]) -> bool:
+    """Give a black material that shines the colour of its light; True if it is one."""
+    factor = material.get("emissiveFactor", (0, 0, 0))
+    if not _is_black(material) or not any(factor):
+        return False
+    strength = material.get("extensions", {}).get(_STRENGTH, {}).get("emissiveStrength", 1)
+    light = [min(1.0, strength * share) for share in factor]
+    surface: dict[str, Any] = {"baseColorFactor": [*light, 1.0]}
+    if "emissiveTexture" in material:
+        surface["baseColorTexture"] = material["emissiveTexture"]
+    material["pbrMetallicRoughness"] = surface
+    material.get("extensions", {}).pop(_SPECULAR, None)
+    return True
+
+
+def _place_instances(
+    header: dict[str, Any],
+    node: dict[str, Any],
+    binary: bytes,
+    read_companion: Callable[[str], bytes],
+) -> bool:
+    """Give a node a child for each instance of its mesh; True if it has instances."""
+    extension = node.get("extensions", {}).pop(_INSTANCES, None)
+    if extension is None or "mesh" not in node:
+        return False
+    attributes = extension["attributes"]
+    keys = [key for key in ("TRANSLATION", "ROTATION", "SCALE") if key in attributes]
+    count = header["accessors"][next(iter(attributes.values()))]["count"]
+    if count > _MOST_INSTANCES:
+        raise ValueError(f"{count} instances of one mesh")
+    columns = [_numbers(header, attributes[key], binary, read_companion) for key in keys]
+    mesh, first = node.pop("mesh"), len(header["nodes"])
+    for number in range(count):
+        place = {k.lower(): c[number].tolist() for k, c in zip(keys, columns, strict=True)}
+        header["nodes"].append({"mesh": mesh, **place})
+    node["children"] = [*node.get("children", []), *range(first, first + count)]
+    return True
+
+
+def _numbers(
+    header: dict[str, Any], index: int, binary: bytes, read_companion: Callable[[str], bytes]
+) -> np.ndarray:
+    """Numbers of an accessor of vectors, (count, width) float64."""
+    accessor = header["accessors"][index]
+    view = header["bufferViews"][accessor["bufferView"]]
+    uri = header["buffers"][view["buffer"]].get("uri")
+    if uri is None:
+        source = binary
+    else:
+        source = (
+            base64.b64decode(uri.partition(",")[2])
+            if uri.startswith("data:")
+            else read_companion(uri)
+        )
+    kind, width = np.dtype("<" + _TYPES[accessor["componentType"]]), int(accessor["type"][-1])
+    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
+    stride = view.get("byteStride", width * kind.itemsize)
+    count = accessor["count"]
+    if start + (count - 1) * stride + width * kind.itemsize > len(source):
+        raise ValueError("an instance is beyond the end of its buffer")
+    numbers = np.ndarray((count, width), kind, source, start, (stride, kind.itemsize))
+    if kind.kind == "f":
+        return numbers.astype(np.float64)
+    return np.maximum(numbers / np.iinfo(kind).max, -1)
 
 
 def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], size: int) -> None:

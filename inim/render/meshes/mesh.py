@@ -5,11 +5,22 @@ Files are decoded here or by trimesh, checked once as arrays, and passed to Mits
 
 import re
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
+
 from inim.display.pixels import MM_PER_INCH
+from inim.render.meshes.off import read_off
 from inim.render.meshes.ply import is_ply, read_ply
-from inim.render.meshes.triangle_mesh import MESH_SUFFIXES, Mesh, check_mesh, has_area, read_bytes
+from inim.render.meshes.triangle_mesh import (
+    MESH_SUFFIXES,
+    Mesh,
+    check_mesh,
+    coarse_text,
+    has_area,
+    read_bytes,
+)
 from inim.system.errors import FileError
 
 # Millimetres in one unit of length.
@@ -37,10 +48,11 @@ def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]
     return _meshes(path, data, mesh_kind(path, data), warn, materials=True)
 
 
-def read_shape(path: Path, plugin: str) -> Mesh:
+def read_shape(path: Path, plugin: str, warn: Callable[[str], object] = _silent) -> Mesh:
     """Read the mesh file of a scene's shape, without its materials: the scene has its own.
 
     * `plugin`: Mitsuba's name of the shape, which is that of the format.
+    * `warn`: called with a line if its coordinates are too large for float32.
 
     Raises `FileError`: as `read_mesh`, and for Mitsuba's `.serialized` format.
     """
@@ -49,13 +61,20 @@ def read_shape(path: Path, plugin: str) -> Mesh:
     data = read_bytes(path)
     if plugin == "obj" and b"usemtl" in data:  # one mesh, whatever materials its faces have
         data = re.sub(rb"^[ \t]*usemtl\b[^\r\n]*", b"", data, flags=re.MULTILINE)
-    return _meshes(path, data, plugin, _silent, materials=False)[0]
+    mesh = _meshes(path, data, plugin, warn, materials=False)[0]
+    if text := coarse_text(mesh.vertices):
+        warn(f"{path}: {text}; `inim new-scene` centres a mesh first")
+    return replace(mesh, vertices=mesh.vertices.astype(np.float32))
 
 
 def _meshes(
     path: Path, data: bytes, kind: str, warn: Callable[[str], object], *, materials: bool
 ) -> list[Mesh]:
-    mesh = read_ply(path, data, materials=materials) if kind == "ply" else None
+    mesh = None
+    if kind == "ply":
+        mesh = read_ply(path, data, warn, materials=materials)
+    elif kind == "off":
+        mesh = read_off(path, data)
     if mesh is not None:
         meshes = [mesh]
     else:

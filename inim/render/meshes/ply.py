@@ -4,7 +4,7 @@ trimesh needs one line per record of a text, drops attributes, and trusts that a
 as the first. Importing it takes a third of a second, which scenes with PLY meshes need not pay.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -99,12 +99,15 @@ _Names = tuple[tuple[str, ...], ...]
 _CHANNELS = {"xyz": "", "rgb": "_color", "012": "", "123": ""}
 
 
-def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
+def read_ply(
+    path: Path, data: bytes, warn: Callable[[str], object], *, materials: bool = True
+) -> Mesh | None:
     """Read the mesh of a PLY of triangles.
 
     * `path`: for messages.
     * `data`: content of the file.
-    * `materials`: whether a picture that the file names is needed.
+    * `warn`: called with a line on content that is not read, if materials are needed.
+    * `materials`: whether colours and a picture that the file names are needed.
 
     Returns None for other polygons, and where a picture is needed: trimesh reads these.
 
@@ -132,7 +135,29 @@ def read_ply(path: Path, data: bytes, *, materials: bool = True) -> Mesh | None:
     attributes = _attributes("vertex", vertex, kinds["vertex"])
     attributes |= _attributes("face", face, kinds["face"])
     color = attributes.pop("vertex_color", None)
+    if materials and (unread := _unread(header)):
+        warn(f"{path}: not read: {', '.join(unread)}")
+    if materials and color is None and "face_color" in attributes:
+        # Every face gets corners of its own.
+        color = np.repeat(attributes.pop("face_color"), 3, axis=0)
+        corner, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
+        return Mesh(vertices[corner], faces, None, None, color, None, path.stem)
     return Mesh(vertices, faces, normals, uv, color, None, path.stem, attributes)
+
+
+def _unread(header: PlyHeader) -> list[str]:
+    """Elements and properties that no mesh has."""
+    used_names = {
+        name for groups in (_NORMAL_NAMES, _UV_NAMES, _COLOR_NAMES) for g in groups for name in g
+    }
+    used_names |= {"x", "y", "z", "vertex_index", "vertex_indices", "flags"}
+    unread = [f"{e.count} of {e.name}" for e in header.elements
+              if e.name not in ("vertex", "face") and e.count]  # fmt: skip
+    for element in header.elements:
+        if element.name in ("vertex", "face"):
+            names = dict.fromkeys(name.partition(".")[0] for name, _ in element.fields)
+            unread += [f"{name} of each {element.name}" for name in names if name not in used_names]
+    return unread
 
 
 def write_ply(path: Path, mesh: Mesh) -> None:
@@ -193,16 +218,16 @@ def columns_of(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
 
 
 def _geometry(path: Path, vertex: _Columns, face: _Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3) float32 and faces (m, 3) int64."""
+    """Vertices (n, 3), float32 or float64, and faces (m, 3) int64."""
     key = next((k for k in ("vertex_index", "vertex_indices") if f"{k}.count" in face), None)
     if key is None or not {"x", "y", "z"} <= vertex.keys():
         raise FileError(f"{path}: the PLY has no x, y, z or no vertex_indices; export it again")
     corners = np.stack([face[f"{key}.{k}"] for k in range(3)], axis=1)
     if corners.dtype.kind == "f" and (corners != np.floor(corners)).any():
         raise FileError(f"{path}: face indices are not whole numbers; export it again")
-    with np.errstate(over="ignore"):  # beyond float32's range is infinite: refused later
-        vertices = np.stack([vertex[name] for name in "xyz"], axis=1).astype(np.float32)
-    return vertices, corners.astype(np.int64)
+    vertices = np.stack([vertex[name] for name in "xyz"], axis=1)
+    kind = np.float64 if vertices.dtype.itemsize > 4 else np.float32
+    return vertices.astype(kind), corners.astype(np.int64)
 
 
 def _present(columns: _Columns, groups: _Names) -> tuple[str, ...] | None:

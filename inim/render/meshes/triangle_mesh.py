@@ -18,7 +18,8 @@ from inim.system.process.printing import printable
 class Mesh:
     """A triangle mesh in the unit and axes of the file it came from."""
 
-    vertices: np.ndarray  #: (n, 3) float32
+    #: (n, 3) float64, or float32 where the file has no more digits
+    vertices: np.ndarray
     faces: np.ndarray  #: (m, 3) integers, counter-clockwise from outside
     #: (n, 3) float32, finite and not zero, as in the file, or None
     normals: np.ndarray | None = None
@@ -86,6 +87,23 @@ def check_mesh(path: Path, mesh: Mesh) -> None:
             f"{path}: a face refers to vertex {low if low < 0 else high}, but there are "
             f"{len(vertices)} (0 to {len(vertices) - 1}); the file is damaged, export it again"
         )
+
+
+# Steps of coordinates that are visible, as a share of the extent.
+_COARSE = 1e-4
+
+
+def coarse_text(vertices: np.ndarray) -> str:
+    """Words on coordinates, (n, 3), that float32 cannot tell apart; empty if it can."""
+    reach = float(np.abs(vertices).max())
+    extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
+    step = float(np.spacing(np.float32(reach)))
+    if step <= _COARSE * extent:
+        return ""
+    return (
+        f"its coordinates reach {reach:.4g}, where 32-bit numbers have steps of {step:.2g}, and it "
+        f"is {extent:.4g} large"
+    )
 
 
 def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:

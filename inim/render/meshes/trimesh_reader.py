@@ -3,7 +3,6 @@
 import io
 import logging
 import mimetypes
-import os
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -15,6 +14,7 @@ from PIL import Image
 
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
 from inim.render.meshes.gltf import prepare_gltf
+from inim.render.meshes.obj import UV_TRANSFORM, prepare_mtl, prepare_obj
 from inim.render.meshes.triangle_mesh import Mesh, first_line, usable_normals
 from inim.system.errors import FileError
 from inim.system.files import read_file
@@ -43,9 +43,13 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
         super().__init__(str(path))
         self._folder = path.parent
         self.lacking: dict[str, None] = {}
+        self.libraries: list[str] = []
+        self.unread_maps: dict[str, None] = {}
 
     def get(self, name: str) -> Any:
         """Bytes of a companion file; trimesh catches the exceptions of this method."""
+        if self.libraries and name == self.libraries[0]:
+            return self._materials()
         try:
             data = self._read(name)
             if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
@@ -55,12 +59,38 @@ class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
             raise
         return data
 
+    def _materials(self) -> bytes:
+        """Texts of all material libraries: a line names one file with spaces, or several."""
+        texts = []
+        for line in self.libraries:
+            for name in (line,) if self._find(line) is not None else line.split():
+                data = self._find(name)
+                if data is None:
+                    self.lacking[name] = None
+                    continue
+                text, unread = prepare_mtl(data)
+                texts.append(text)
+                self.unread_maps |= dict.fromkeys(unread)
+        return b"\n".join(texts)
+
     def _read(self, name: str) -> bytes:
         """Read a file from one of the folders that trimesh searches."""
-        for candidate in (name.strip(), name.strip().lstrip("/"), os.path.split(name)[-1]):
+        data = self._find(name)
+        if data is None:
+            raise ValueError(f"{name[:120]!r} is no file that is read")
+        return data
+
+    def _find(self, name: str) -> bytes | None:
+        """Content of a file by its path from the mesh's folder, or by its name in that folder."""
+        path = name.strip().replace("\\", "/")
+        bare = path.rpartition("/")[2]
+        others = [entry.name for entry in self._folder.iterdir()
+                  if entry.name.lower() == bare.lower()]  # fmt: skip
+        for candidate in (path, path.lstrip("/"), bare, *others):
             with suppress(ValueError, FileError):
-                return read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
-        raise ValueError(f"{name[:120]!r} is no file that is read")
+                data: bytes = read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
+                return data
+        return None
 
 
 def read_with_trimesh(
@@ -75,9 +105,11 @@ def read_with_trimesh(
     * `materials`: True to read materials and textures.
     """
     try:
-        if kind in ("glb", "gltf"):
-            data = prepare_gltf(path, data)
         companions = _Companions(path)
+        if kind in ("glb", "gltf"):
+            data = prepare_gltf(path, data, companions.get, warn)
+        elif kind == "obj":
+            data, companions.libraries = prepare_obj(data)
         # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
         scene = trimesh.load_scene(
             io.BytesIO(data),
@@ -91,6 +123,8 @@ def read_with_trimesh(
                 f"{path}: {name[:120]!r} is missing, unreadable or outside the mesh's folder; "
                 "the relic goes without it"
             )
+        if companions.unread_maps:
+            warn(f"{path}: not read: {', '.join(companions.unread_maps)}; only map_Kd has colours")
         _check_instances(path, scene)
         for part in scene.geometry.values():  # copies keep a mesh's attributes, but not a visual's
             colors = getattr(getattr(part, "visual", None), "vertex_attributes", {}).get("color")
@@ -141,8 +175,6 @@ def _check_instances(path: Path, scene: Any) -> None:
 
 def _mesh(path: Path, part: Any, *, linear_colors: bool) -> Mesh:
     vertices = np.asarray(part.vertices, np.float64)
-    with np.errstate(over="ignore"):
-        vertices = vertices.astype(np.float32)
     faces = np.asarray(part.faces, np.int64)
     if vertices.shape[1:] != (3,) or faces.shape[1:] != (3,):
         raise FileError(f"{path}: vertices of {vertices.shape[1:]} numbers; the file is damaged")
@@ -177,6 +209,10 @@ def _appearance(
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, np.float32))
     if uv is not None and uv.shape != (count, 2):
         uv = None
+    transform = getattr(material, "kwargs", {}).get(UV_TRANSFORM)
+    if uv is not None and transform:
+        numbers = np.array(transform, np.float32)
+        uv = uv * numbers[:2] + numbers[2:]
     if image is not None and uv is not None:
         return None, uv, _apply_tint(_pixels(path, image), tint if linear else np.ones(3))
     colors = part.vertex_attributes.get(_COLORS)

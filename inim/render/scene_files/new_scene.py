@@ -118,7 +118,7 @@ def new_scene(
     else:
         if crop is not None:
             raise UsageError(f"{source}: --crop is for splats; crop a mesh in a mesh editor")
-        parts, size = _place_mesh(source, unit, up, front, warn)
+        parts, size, note = _place_mesh(source, data, unit, up, front, warn)
         files = _part_files(out, parts)
         writers = {path: partial(_write_part, part) for path, part in files.items()}
         cautions = [] if unit == ANY_UNIT else _size_warnings(source, float(size.max()))
@@ -147,19 +147,36 @@ def _mesh_in(source: Path) -> Path:
 
 
 def _place_mesh(
-    source: Path, unit: str | None, up: str | None, front: str | None, warn: Callable[[str], object]
-) -> tuple[Sequence[Mesh], np.ndarray]:
-    """Read, rotate, scale and centre a mesh; return its parts and the size of their box, mm."""
-    from inim.render.meshes.mesh import UNIT_MM, read_mesh
-    from inim.render.meshes.triangle_mesh import add_vertex_normals
-    from inim.render.scene_files.relic_scene import bounds, merge_meshes, place_meshes
+    source: Path,
+    data: bytes,
+    unit: str | None,
+    up: str | None,
+    front: str | None,
+    warn: Callable[[str], object],
+) -> tuple[Sequence[Mesh], np.ndarray, str]:
+    """Read, rotate, scale and centre a mesh; return its parts, the size of their box in mm, and
+    an account of the file.
+    """
+    from inim.render.meshes.account import mesh_account
+    from inim.render.meshes.mesh import UNIT_MM, mesh_kind, read_mesh
+    from inim.render.meshes.triangle_mesh import add_vertex_normals, coarse_text
+    from inim.render.scene_files.relic_scene import bounds, is_black, merge_meshes, place_meshes
 
     meshes = read_mesh(source, warn)
+    account = mesh_account(source, data, mesh_kind(source, data), meshes)
     unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
     parts = place_meshes(merge_meshes([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
     low, high = bounds(parts)
-    return parts, high - low
+    for text in account.lost(parts, UNIT_MM[unit]):
+        warn(f"{source}: {text}")
+    if any(
+        coarse_text(m.vertices) and (m.vertices == m.vertices.astype("f4")).all() for m in meshes
+    ):
+        warn(f"{source}: {coarse_text(meshes[0].vertices)}; export it closer to its origin")
+    if all(is_black(part) for part in parts):
+        warn(f"{source}: all of its colours are black, so the relic is")
+    return parts, high - low, f"read {account.text}"
 
 
 def _place_splats(

@@ -105,7 +105,8 @@ def scene_xml(
     lines = defaults_xml(title, display)
     lines += ['    <integrator type="path">', '        <integer name="max_depth" value="6"/>']
     lines += ["    </integrator>", "", *camera_xml(half_mm, radius), ""]
-    share = min(1.0, max(STONE) / max(map(_brightest, files.values())))
+    brightest = max(map(_brightest, files.values()))
+    share = max(STONE) / max(brightest, max(STONE))
     for name, (direction, half_side, radiance) in _LAMPS.items():
         light = tuple(share * r for r in radiance)
         lines += [f"    <!-- {name} -->", *_lamp_xml(direction, half_side, light, radius), ""]
@@ -113,6 +114,11 @@ def scene_xml(
         if path.suffix == ".ply":
             lines += [*_relic_xml(path, files[path]), ""]
     return "\n".join([*lines[:-1], "</scene>", ""])
+
+
+def is_black(part: Mesh) -> bool:
+    """True if nearly all colours of a part are black."""
+    return _brightest(part) == 0
 
 
 def _brightest(part: Mesh) -> float:
