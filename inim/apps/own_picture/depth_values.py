@@ -21,6 +21,9 @@ _FARTHEST_MEDIAN_MM = 10_000.0
 _RANGE = (0.005, 0.5, 0.995)
 _FAR_OVER_NEAR = 100.0
 _LARGEST_OF_16_BITS = 65535
+# Numbers that renderers write as floats where there is no surface: 1e9 and more, and the largest
+# half-precision number.
+_LEAST_BACKGROUND, _LARGEST_HALF = 1e9, 65504.0
 # Files with at most this many levels hold grey values, others a sensor's millimetres.
 _MOST_GREYS = 256
 # Above this share of the pixels, the largest number probably means "no depth".
@@ -87,6 +90,16 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
         empty |= depth <= 0
     for number in convention.missing:
         empty |= file.values == np.float32(number)
+    warnings = list(file.notes)
+    if file.largest is None and not convention.missing:
+        background = ~empty & ((file.values >= _LEAST_BACKGROUND) | (file.values == _LARGEST_HALF))
+        if background.any() and not (background | empty).all():
+            empty |= background
+            number = float(file.values[background].max())
+            warnings.append(
+                f"{name}: {background.mean():.1%} of the depths are {number:g}, which renderers "
+                "write where there is no surface: they are missing; to change that, give --missing"
+            )
     depth[empty] = np.nan
     if empty.all():
         raise FileError(
@@ -97,9 +110,10 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
     depth *= np.float32(scale)
     if is_distance and not convention.has_range:
         _check_distances(depth, file, convention, name)
-    warnings = () if convention.missing else _saturation_warnings(file, name)
+    if not convention.missing:
+        warnings += _saturation_warnings(file, name)
     step = scale if file.largest is not None else 0.0
-    return DepthValues(depth, convention.near_is_large, unit > 0, step, warnings)
+    return DepthValues(depth, convention.near_is_large, unit > 0, step, tuple(warnings))
 
 
 def sample(depth: NDArray[np.float32]) -> NDArray[np.float32]:

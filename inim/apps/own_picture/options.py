@@ -16,7 +16,8 @@ FillRule = Literal["none", "nearest", "behind", "far"]
 class PictureOptions:
     """Options for reading and fitting a camera's picture; each field is the option of that name."""
 
-    #: depth of the colour picture INPUT: .png, .pgm, .tif, .exr, .pfm or .npy
+    #: depth of the colour picture INPUT: .png, .pgm, .tif, .exr, .pfm, .npy or .npz; or right,
+    #: left, top or bottom: the half of INPUT that holds it
     depth: Path | None = None
     #: estimate the depth of the photograph INPUT with this depth-estimation model of transformers,
     #: a folder or a name on huggingface.co; needs pip install 'inim[depth]'

@@ -30,7 +30,12 @@ from inim.apps.own_picture.fit import (
 )
 from inim.apps.own_picture.framing import Framing, choose_framing
 from inim.apps.own_picture.options import PictureOptions
-from inim.apps.own_picture.picture_files import read_color, read_depth
+from inim.apps.own_picture.picture_files import (
+    SIDES,
+    read_cutout,
+    read_depth,
+    read_side_by_side,
+)
 from inim.display import Display
 from inim.pipeline.stages.picture import MAX_LOST_SHARE
 from inim.system.errors import FileError, UsageError
@@ -38,6 +43,11 @@ from inim.system.errors import FileError, UsageError
 # Relative difference of aspect ratios; cropped or letter-boxed pictures differ by more.
 _ASPECT_TOLERANCE = 0.01
 _PHOTO_CAMERA = "photo"
+
+
+def is_side(depth: Path | None) -> bool:
+    """True if ``--depth`` is a half of the colour picture, and not a file of that name."""
+    return depth is not None and str(depth) in SIDES and not depth.exists()
 
 
 def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -> None:
@@ -135,9 +145,13 @@ class CameraPicture(PictureOptions):
             return self._read_photo(self.photo)
         assert self.color is not None
         assert self.depth is not None
-        convention = self._convention(self.depth)
-        color = read_color(self.color)
-        file = read_depth(self.depth, swap_bytes=self.swap_bytes)
+        convention, opaque = self._convention(self.depth), None
+        color: np.ndarray
+        if is_side(self.depth):
+            color, file = read_side_by_side(self.color, str(self.depth))
+        else:
+            color, opaque = read_cutout(self.color)
+            file = read_depth(self.depth, swap_bytes=self.swap_bytes)
         rows, columns = color.shape[:2]
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
@@ -148,7 +162,7 @@ class CameraPicture(PictureOptions):
                 "resampled to the colour's size by nearest pixel"
             )
             values = replace(values, warnings=(*values.warnings, message))
-        return self._combine(color, values, self.camera())
+        return self._combine(color, values, self.camera(), opaque)
 
     def _convention(self, path: Path) -> DepthConvention:
         """Properties of the depth file's numbers; raises `UsageError` if one is not stated."""
@@ -197,16 +211,26 @@ class CameraPicture(PictureOptions):
         return replace(picture, notes=photo.notes)
 
     def _combine(
-        self, color: np.ndarray, values: DepthValues, camera: Pinhole | None
+        self,
+        color: np.ndarray,
+        values: DepthValues,
+        camera: Pinhole | None,
+        opaque: np.ndarray | None = None,
     ) -> ColorDepth:
-        """Fill depth and resample it to the colour's grid."""
+        """Fill depth and resample it to the colour's grid; transparent pixels have none."""
         rows, columns = color.shape[:2]
         size = values.depth.shape
         missing = float(np.isnan(values.depth).mean())
         depth = fill_missing_depth(
             values.depth, self.missing_depth, near_is_large=values.near_is_large
         )
-        values = replace(values, depth=resample_nearest(depth, (rows, columns)))
+        depth = resample_nearest(depth, (rows, columns))
+        if opaque is not None:
+            depth = np.where(opaque, depth, np.float32(np.nan))
+            missing = float(np.isnan(depth).mean())
+            if missing == 1:
+                raise FileError(f"{self.path}: all pixels with a depth are transparent")
+        values = replace(values, depth=depth)
         coarseness = max(1.0, columns / size[1])
         depth_size = size[1], size[0]
         return ColorDepth(color, values, coarseness, depth_size, missing, values.warnings, camera)

@@ -1,6 +1,8 @@
 """Reading of a camera's colour and depth picture."""
 
 import io
+import zipfile
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -8,14 +10,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.image.files.image import read_exr, read_exr_channels
+from inim.image.files.image import check_unfolding, read_exr_channels, read_exr_color
 from inim.image.files.picture import is_exr, open_picture, read_pfm
 from inim.system.errors import FileError
 from inim.system.files import check_file
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
-_OPAQUE = 255
+# Alpha from which on a pixel shows a surface.
+_OPAQUE = 0.5
 _WITH_PROFILE = ("RGB", "RGBA", "L", "CMYK")
 _CODES_OF_16_BITS = 65535 / 255
 _PICTURES = {
@@ -26,30 +29,49 @@ _PICTURES = {
     ".jpg": ("JPEG",),
     ".jpeg": ("JPEG",),
 }
-# Names of the depth channel of an EXR in this program, renderers and depth estimators, by priority.
-_CHANNELS = ("Z", "Y", "V", "depth.Z", "Depth.Z", "depth.V", "Depth.V", "R")
+# Last parts of the names of depth channels in renderers and depth estimators; of lone channels.
+_DEPTHS, _LONE = ("z", "depth", "t"), ("y", "v", "r", "d")
 _MOST_PIXELS = 2**28
-# Largest difference between the colour channels of a grey picture.
-_MOST_CHANNEL_DIFFERENCE = 2
+# Largest difference between the colour channels of a grey picture, exact or compressed by JPEG.
+_MOST_CHANNEL_DIFFERENCE, _MOST_COMPRESSED = 2, 32
+# Rec. 601, which JPEG compresses less than the colours.
+_LUMA = (0.299, 0.587, 0.114)
 # Range of depths in any unit; swapped bytes of a float give values outside.
 _PLAUSIBLE_FLOATS = (1e-12, 1e15)
 
 
 def read_color(path: Path) -> NDArray[np.uint8] | NDArray[np.float32]:
-    """Colour picture, rotated by its EXIF orientation.
+    """Colour picture, rotated by its EXIF orientation, black where transparent.
 
-    * `path`: PNG, JPEG, TIFF, BMP, WebP or PPM, brought to sRGB by its colour profile, over black
-      where transparent; or a linear EXR.
+    * `path`: PNG, JPEG, TIFF, BMP, WebP or PPM, brought to sRGB by its colour profile; or a linear
+      EXR.
 
     Returns (H, W, 3) uint8 sRGB, or (H, W, 3) float32 linear RGB of an EXR: row 0 on top.
 
     Raises `FileError`: missing, damaged or of another kind.
     """
+    return read_cutout(path)[0]
+
+
+def read_cutout(
+    path: Path,
+) -> tuple[NDArray[np.uint8] | NDArray[np.float32], NDArray[np.bool_] | None]:
+    """Colour picture as of `read_color`, and the mask of its opaque pixels.
+
+    A pixel is opaque if its alpha is at least a half, and keeps its own colour. The mask is None
+    for a picture without transparent pixels.
+    """
     if is_exr(path):
-        linear = read_exr(path)
+        linear, alpha = read_exr_color(path)
         if not np.isfinite(linear).all():
             raise FileError(f"{path}: has colours that are not finite; save it again")
-        return np.broadcast_to(linear, (*linear.shape[:2], 3)) if linear.shape[2] == 1 else linear
+        color = np.broadcast_to(linear, (*linear.shape[:2], 3))
+        if alpha is None or bool((alpha >= _OPAQUE).all()):
+            return color, None
+        opaque = alpha >= _OPAQUE
+        with np.errstate(divide="ignore", invalid="ignore"):  # colours are multiplied by alpha
+            own = color / np.minimum(alpha, 1)[..., None]
+        return np.where(opaque[..., None], own, np.float32(0)), opaque
     return _decoded_color(path)
 
 
@@ -63,20 +85,22 @@ def read_srgb(path: Path) -> NDArray[np.uint8]:
     return color.astype(np.uint8, copy=False)
 
 
-def _decoded_color(path: Path) -> NDArray[np.uint8]:
-    from PIL import Image, ImageOps
+def _decoded_color(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | None]:
+    from PIL import ImageOps
 
     with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
         upright = convert_to_srgb(ImageOps.exif_transpose(picture), path)
         if upright.mode.startswith("I"):  # Pillow would clip 16 bits to 255
             grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
             codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
-            return np.repeat(codes[..., None], 3, axis=-1)
+            return np.repeat(codes[..., None], 3, axis=-1), None
         if "A" not in upright.getbands() and "transparency" not in upright.info:
-            return np.asarray(upright.convert("RGB"))
-        rgba = upright.convert("RGBA")
-        black = Image.new("RGBA", rgba.size, (0, 0, 0, _OPAQUE))
-        return np.asarray(Image.alpha_composite(black, rgba).convert("RGB"))
+            return np.asarray(upright.convert("RGB")), None
+        rgba = np.asarray(upright.convert("RGBA"))
+    opaque = rgba[..., 3] >= _OPAQUE * 255
+    if opaque.all():
+        return rgba[..., :3], None
+    return np.where(opaque[..., None], rgba[..., :3], np.uint8(0)), opaque
 
 
 def convert_to_srgb(picture: Any, path: Path) -> Any:
@@ -105,38 +129,44 @@ def convert_to_srgb(picture: Any, path: Path) -> Any:
 class DepthFile:
     """Numbers of a depth picture as stored, (H, W) float32, row 0 on top.
 
-    `largest` is the largest number of their integer type; None for floats.
+    `largest` is the largest number of their integer type; None for floats. `notes` are remarks on
+    what was read.
     """
 
     values: NDArray[np.float32]
     largest: int | None
+    notes: tuple[str, ...] = ()
 
 
 def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
     """Read a depth picture.
 
-    * `path`: PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (channel Z, Y, V or R of the
-      first part); PFM; or NumPy's .npy with a (H, W) array.
+    * `path`: PNG, PGM, TIFF or JPEG in grey of 8, 16 or 32 bits; EXR (of all parts and layers, the
+      channel whose name ends with Z or depth, or a lone channel); PFM; or NumPy's .npy or .npz
+      with one (H, W) array.
     * `swap_bytes`: the two bytes of 16-bit numbers are swapped relative to the format.
 
     Raises `FileError`: the file is missing, damaged, of another kind, has several numbers per
     pixel, or floats in the wrong byte order.
     """
-    readers = {".exr": _read_exr, ".pfm": read_pfm, ".npy": _read_npy}
-    suffix = path.suffix.lower()
-    if suffix not in readers and suffix not in _PICTURES:
+    readers = {".pfm": read_pfm, ".npy": _read_npy, ".npz": _read_npy}
+    suffix, notes = path.suffix.lower(), list[str]()
+    if suffix not in readers and suffix not in _PICTURES and suffix != ".exr":
         raise FileError(
-            f"{path}: a depth picture is a .png, .pgm, .tif, .exr, .pfm or .npy; save it as one"
+            f"{path}: a depth picture is a .png, .pgm, .tif, .exr, .pfm, .npy or .npz; save it as "
+            "one"
         )
     check_file(path)
-    if suffix in readers:
+    if suffix == ".exr":
+        stored = _read_exr(path, notes)
+    elif suffix in readers:
         stored = readers[suffix](path)
     else:
         formats = _PICTURES[suffix]
         with open_picture(path, formats, 4) as picture:
-            stored = depth_numbers(picture, path, wide=formats == ("TIFF",))
-    if stored.ndim == 3 and stored.shape[2] == 1:
-        stored = stored[..., 0]
+            stored = depth_numbers(picture, path, notes, wide=formats == ("TIFF",))
+    if stored.ndim > 2:  # one array of a batch, or with one channel
+        stored = stored.reshape([n for n in stored.shape if n > 1])
     if stored.ndim != 2 or stored.size == 0:
         raise FileError(
             f"{path}: its array has shape {stored.shape}; depth is one number per pixel, (H, W)"
@@ -154,11 +184,14 @@ def read_depth(path: Path, *, swap_bytes: bool = False) -> DepthFile:
         _check_floats(path, stored)
     largest = int(np.iinfo(stored.dtype).max) if stored.dtype.kind in "ui" else None
     with np.errstate(over="ignore"):  # infinite values are missing
-        return DepthFile(np.ascontiguousarray(stored, np.float32), largest)
+        return DepthFile(np.ascontiguousarray(stored, np.float32), largest, tuple(notes))
 
 
-def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray:
-    """Numbers of an open depth picture, (H, W); `wide`: it can hold 32 bits.
+def depth_numbers(picture: Any, path: Path, notes: list[str], *, wide: bool = False) -> np.ndarray:
+    """Numbers of an open depth picture, (H, W).
+
+    * `notes`: receives remarks on what was read.
+    * `wide`: the picture can hold 32 bits.
 
     Raises `FileError` for a coloured picture or one with a palette.
     """
@@ -166,42 +199,88 @@ def depth_numbers(picture: Any, path: Path, *, wide: bool = False) -> np.ndarray
         raise FileError(f"{path}: has a colour palette instead of depths; save it as grey")
     pixels = np.asarray(picture)
     if pixels.ndim == 3:
-        pixels = _grey(path, pixels)
+        pixels = grey_numbers(path, pixels, notes)
     if pixels.dtype == np.int32 and not wide:
         pixels = pixels.astype(np.uint16)  # Pillow hands out 16 bits as 32 for some files
     return pixels.astype(np.uint8) if pixels.dtype == bool else pixels
 
 
-def _grey(path: Path, pixels: np.ndarray) -> np.ndarray:
-    """The one number per pixel of a grey picture that was saved as colour."""
+def grey_numbers(path: Path, pixels: np.ndarray, notes: list[str]) -> np.ndarray:
+    """The one number per pixel of a grey picture that was saved as colour, (H, W).
+
+    Raises `FileError` for a coloured picture.
+    """
     color = pixels[..., :3] if pixels.shape[2] >= 3 else pixels[..., :1]
-    spread = int((color.max(axis=2) - color.min(axis=2)).max())
-    if spread > _MOST_CHANNEL_DIFFERENCE:
+    spread = int((color.max(axis=2).astype(int) - color.min(axis=2)).max())
+    if spread <= _MOST_CHANNEL_DIFFERENCE:
+        grey: np.ndarray = color[..., 0]
+        return grey
+    if spread > _MOST_COMPRESSED or pixels.dtype != np.uint8:
         raise FileError(
             f"{path}: is coloured (channels differ by up to {spread}), so it holds no depth that "
             "can be read back; use the grey, EXR or .npy depth it was painted from"
         )
-    grey: np.ndarray = color[..., 0]
-    return grey
-
-
-def _read_exr(path: Path) -> np.ndarray:
-    channels = read_exr_channels(path)
-    for name in _CHANNELS:
-        # Red is depth only in a picture with nothing but equal colour channels.
-        if name in channels and (name != "R" or set(channels) <= set("RGBA")):
-            return channels[name]
-    raise FileError(
-        f"{path}: no channel {', '.join(_CHANNELS)} in its first part; it has {', '.join(channels)}"
+    notes.append(
+        f"{path}: its channels differ by up to {spread}, as of JPEG; their luma is read, and such "
+        "depth is coarse"
     )
+    luma: np.ndarray = np.rint(color @ np.array(_LUMA)).astype(np.uint8)
+    return luma
+
+
+def _read_exr(path: Path, notes: list[str]) -> np.ndarray:
+    channels = read_exr_channels(path)
+    name = _depth_channel(path, channels)
+    others = [other for other in channels if _ends_with_depth(other, channels) and other != name]
+    if others:
+        notes.append(f"{path}: {name} is read; it also has depth in {', '.join(others)}")
+    if name.endswith(".T"):
+        notes.append(f"{path}: {name} is Mitsuba's distance along the ray, not z")
+    return channels[name]
+
+
+def _depth_channel(path: Path, channels: Mapping[str, np.ndarray]) -> str:
+    """Channel of depths: by the last part of its name, or the only one.
+
+    Raises `FileError`: there is none.
+    """
+    named = [name for name in channels if _ends_with_depth(name, channels)]
+    if named:
+        return named[0]
+    layers = [name for name in channels if "depth" in name.lower().split(".")[:-1]]
+    lone = [name for name in layers or channels if name.rpartition(".")[2] != "A"]
+    if len(lone) == 1 and lone[0].rpartition(".")[2].lower() in _LONE:
+        return lone[0]
+    if {name.rpartition(".")[2] for name in lone} == set("RGB"):
+        first, *others = (channels[name] for name in lone)
+        if all(np.array_equal(first, other, equal_nan=True) for other in others):
+            return lone[0]
+        raise FileError(f"{path}: is coloured, so it holds no depth; it has {', '.join(channels)}")
+    raise FileError(
+        f"{path}: no channel whose name ends with Z or depth; it has {', '.join(channels)}"
+    )
+
+
+def _ends_with_depth(name: str, channels: Mapping[str, np.ndarray]) -> bool:
+    """True for a depth by its name, but not for the Z of a vector, as of normals."""
+    layer, _, last = name.rpartition(".")
+    beside = {other.rpartition(".")[2].lower() for other in channels
+              if other.rpartition(".")[0] == layer}  # fmt: skip
+    return last.lower() in _DEPTHS and not {"x", "y"} <= beside
 
 
 def _read_npy(path: Path) -> np.ndarray:
     try:
         array = np.load(path, mmap_mode="r", allow_pickle=False)
-        if not isinstance(array, np.ndarray):
-            raise ValueError("several arrays")
+        if isinstance(array, np.lib.npyio.NpzFile):
+            if len(array.files) != 1:
+                raise ValueError(f"arrays {', '.join(array.files)}, not one")
+            with zipfile.ZipFile(path) as archive:
+                check_unfolding(path, sum(entry.file_size for entry in archive.infolist()))
+            array = array[array.files[0]]
         return np.array(array, array.dtype.newbyteorder("="))
+    except FileError:
+        raise
     except Exception as error:  # of any type: NumPy reads the header as Python
         cause = str(error).partition("\n")[0]
         raise FileError(f"{path}: not a readable .npy array ({cause}); save it again") from error
@@ -210,9 +289,34 @@ def _read_npy(path: Path) -> np.ndarray:
 def _check_floats(path: Path, stored: np.ndarray) -> None:
     """Raise `FileError` for floats that are depths in no unit."""
     sizes = np.abs(stored[np.isfinite(stored) & (stored != 0)])
+    largest = sizes.max(initial=0)  # may stand for no surface
+    sizes = sizes[sizes < largest] if (sizes < largest).any() else sizes
     middle = float(np.median(sizes)) if sizes.size else 1.0
     if not _PLAUSIBLE_FLOATS[0] < middle < _PLAUSIBLE_FLOATS[1]:
         raise FileError(
             f"{path}: half of its values are about {middle:.3g}, as when the bytes of floats are "
             "in the wrong order; save it again (PFM: the sign of its scale)"
         )
+
+
+#: Where the depth is in a picture of colour and depth beside each other.
+SIDES = ("right", "left", "top", "bottom")
+
+
+def read_side_by_side(path: Path, side: str) -> tuple[NDArray[np.uint8], DepthFile]:
+    """Halves of a picture: colour, and 8-bit depth on one of `SIDES`.
+
+    Raises `FileError`: as of `read_color` and `read_depth`, or a depth half in colour.
+    """
+    picture = read_srgb(path)
+    axis = 1 if side in ("right", "left") else 0
+    if picture.shape[axis] % 2:
+        raise FileError(
+            f"{path}: {picture.shape[1]} x {picture.shape[0]} pixels have no equal halves for "
+            f"--depth {side}"
+        )
+    first, second = np.split(picture, 2, axis=axis)
+    color, depth = (second, first) if side in ("left", "top") else (first, second)
+    notes: list[str] = []
+    grey = grey_numbers(path, depth, notes)
+    return color, DepthFile(grey.astype(np.float32), 255, tuple(notes))

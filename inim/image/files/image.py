@@ -193,26 +193,45 @@ def _read_layer(parts: list[dict[str, np.ndarray]]) -> Layer:
 
 
 def read_exr(path: Path) -> np.ndarray:
-    """Read the colours of an EXR's first part: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
+    """Read the colours of an EXR: (H, W, 3) float32 of R, G, B, or (H, W, 1) of Y.
+
+    Of several parts or layers, those of the first one with colours, preferably the first part.
 
     Raises `FileError`: missing, damaged, too large, or without those channels.
     """
+    return read_exr_color(path)[0]
+
+
+def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
+    """Colours as `read_exr` has them, and their alpha, (H, W) float32, or None."""
     channels = read_exr_channels(path)
-    names = "Y" if "Y" in channels and "R" not in channels else "RGB"
-    missing = [name for name in names if name not in channels]
-    if missing or len({channels[name].shape for name in names}) > 1:
-        raise FileError(
-            f"{path}: no whole channels {', '.join(names)}; it has {', '.join(channels)}"
-        )
-    return np.stack([channels[name] for name in names], axis=-1)
+    layers = dict.fromkeys(name.rpartition(".")[0] for name in channels)
+    for names in ("RGB", "Y"):
+        for layer in layers:
+            start = f"{layer}." if layer else ""
+            own = [channels.get(start + name) for name in names]
+            arrays = [array for array in own if array is not None]
+            if len(arrays) == len(names) and len({array.shape for array in arrays}) == 1:
+                alpha = channels.get(f"{start}A")
+                is_whole = alpha is not None and alpha.shape == arrays[0].shape
+                return np.stack(arrays, axis=-1), alpha if is_whole else None
+    raise FileError(f"{path}: no whole channels R, G, B; it has {', '.join(channels)}")
 
 
 def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
-    """Read all channels of an EXR's first part, (H, W) float32 each where not subsampled.
+    """Read all channels of an EXR, (H, W) float32 each where not subsampled.
+
+    Names of channels of a second or further part begin with the name of their part.
 
     Raises `FileError`: missing, damaged or too large.
     """
-    return _read_parts(path)[0][0]
+    channels: dict[str, np.ndarray] = {}
+    for number, (own, header) in enumerate(_read_parts(path)):
+        part = str(header.get("name") or f"part{number}")
+        for name, pixels in own.items():
+            is_full = number == 0 or name.startswith(f"{part}.")
+            channels[name if is_full else f"{part}.{name}"] = pixels
+    return channels
 
 
 def check_unfolding(path: Path, bytes_unfolded: int, size: int | None = None) -> None:

@@ -170,7 +170,7 @@ def _decode_image(path: Path, image: bytes) -> np.ndarray:
     """Codes of a depth image, (h, w) uint8 or uint16."""
     problem = f"its depth is not JPEG or PNG; {REMEDY}"
     with open_picture(path, ("JPEG", "PNG"), 4, problem, image) as picture:
-        numbers = depth_numbers(picture, path)
+        numbers = depth_numbers(picture, path, [])
     return numbers if numbers.dtype == np.uint16 else numbers.astype(np.uint8)
 
 
