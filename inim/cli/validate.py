@@ -13,10 +13,10 @@ from inim.pipeline.options import (
     finish,
     print_lines,
     print_outcome,
+    print_warning,
     request_of,
 )
 from inim.system.errors import EXIT_BASELINE, EXIT_PASSED, FileError, UsageError
-from inim.system.files import check_file
 
 if TYPE_CHECKING:
     from inim.report.document import ReportDocument
@@ -39,7 +39,12 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     choices = ("definitions", "display", "algorithms", "cameras", "viewpoints", "lens_model")
     add_shared(
-        parser, *choices, "allow_folders", out="folder for the report (default: INPUT-report)"
+        parser,
+        *choices,
+        "up",
+        "front",
+        "allow_folders",
+        out="folder for the report (default: INPUT-report)",
     )
     add(
         "--eia",
@@ -112,13 +117,8 @@ def _check_kind(path: Path, unknown: Sequence[str] = ()) -> None:
     from inim.render.meshes.triangle_mesh import MESH_SUFFIXES
 
     suffix = path.suffix.lower()
-    if suffix in MESH_SUFFIXES:
-        check_file(path)
-        raise UsageError(
-            f"{path}: is a mesh; create a scene from it first: inim new-scene "
-            f"{shlex.quote(str(path))}"
-        )
-    if suffix not in (".xml", PICTURE_SUFFIX) or any(w.startswith("--depth") for w in unknown):
+    is_read = suffix in (".xml", PICTURE_SUFFIX, *MESH_SUFFIXES)
+    if not is_read or any(word.startswith("--depth") for word in unknown):
         fitted = f"fitted{PICTURE_SUFFIX}"
         raise UsageError(
             f"{path}: is not a scene (.xml) and not fitted to a display; fit it first: inim "
@@ -129,6 +129,7 @@ def _check_kind(path: Path, unknown: Sequence[str] = ()) -> None:
 
 # Warnings on the terminal; the report has all.
 _MOST_WARNINGS = 3
+_MOST_FILES = 3
 
 
 def _finish(passed: bool, out: Path, quiet: bool) -> int:
@@ -142,13 +143,20 @@ def _finish(passed: bool, out: Path, quiet: bool) -> int:
         return EXIT_PASSED
     data = read_document(out / "report.json", "run it again", ReportDocument)
     failed = [check for check in data.verdict.failures if check.kind is None]
-    lines = [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]
+    lines = [] if data.scene is None else read_lines(data.scene.imports)
+    lines += [f"warning: {text}" for text in data.warnings[:_MOST_WARNINGS]]
     if len(data.warnings) > _MOST_WARNINGS:
         lines.append(f"and {len(data.warnings) - _MOST_WARNINGS} more warnings in the report")
     lines += [f"failed: {check.name}: {check_sentence(check)}" for check in failed]
     lines += comparison_lines(data, out)
     lines.append(f"{verdict_words(data)}; report: {out / 'report.html'}")
     return _exit_code(data, finish(passed, *lines, quiet=quiet))
+
+
+def read_lines(imports: Sequence[str]) -> list[str]:
+    """A line on the files that a scene was read from, if it has any."""
+    more = f" and {len(imports) - _MOST_FILES} more" * (len(imports) > _MOST_FILES)
+    return [f"read {'; '.join(imports[:_MOST_FILES])}{more}"] if imports else []
 
 
 def _exit_code(data: "ReportDocument | CompareDocument", code: int) -> int:
@@ -170,10 +178,10 @@ def _check_encoding(args: argparse.Namespace) -> None:
 
 
 def _validate(args: argparse.Namespace) -> int:
-    from inim.pipeline.launch import validate_in_worker
-    from inim.system.worker.output import default_out
+    from inim.pipeline.launch import scene_and_out, validate_in_worker
 
-    args.out = args.out or default_out(args.scene, "report")
+    axes = {name: axis for name in ("up", "front") if (axis := getattr(args, name, None))}
+    args.scene, args.out = scene_and_out(args.scene, args.out, axes or None, print_warning)
     passed = validate_in_worker(
         lambda: request_of(args),
         args.scene,

@@ -64,6 +64,15 @@ else:
 
 
 @dataclass(frozen=True)
+class Placement:
+    """Part of a scene that a display shows, and its place; see the settings of the same names."""
+
+    fit_share: float
+    turn_deg: float | None = None
+    relic: str = ""
+
+
+@dataclass(frozen=True)
 class Settings(_Stated):
     """Settings of display, viewer, sampling and criteria, from a scene file or the command line.
 
@@ -77,6 +86,9 @@ class Settings(_Stated):
     #: turn of the relic about its upward axis, counter-clockwise seen from above; its size is then
     #: the same at all turns (none: not turned)
     turn_deg: float | None = None
+    #: shapes that form the relic, by their ids or the names of their files, separated by commas;
+    #: the others are left out (all but those far larger than what the scene's camera looks at)
+    relic: str = ""
     lens_model: str = "thick"  #: lens model of the reconstruction: pinhole, thin, thick or full
     #: algorithms to score, separated by commas (lenticulars: template)
     algorithms: str = "wang2024,template"
@@ -116,6 +128,11 @@ class Settings(_Stated):
     #: criterion: minimum SSIM on the relic to the reference, '0.9' for all or 'template:0.9,
     #: wang2024:0.5'
     min_ssim_to_reference: str = ""
+
+    @property
+    def placement(self) -> Placement:
+        """Part of a scene that the display shows, and its place."""
+        return Placement(self.fit_share, self.turn_deg, self.relic)
 
     @classmethod
     def field_meanings(cls) -> dict[str, str]:

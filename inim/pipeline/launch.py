@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from os import PathLike
 from pathlib import Path
@@ -202,7 +203,10 @@ def _path(name: str, value: object) -> Path:
 
 
 def scene_and_out(
-    scene: object, out: Path | None, options: Mapping[str, Any] | None
+    scene: object,
+    out: Path | None,
+    options: Mapping[str, Any] | None,
+    warn: Callable[[str], object] = warnings.warn,
 ) -> tuple[Path, Path]:
     """Path of the scene's XML, and the report's folder.
 
@@ -223,7 +227,7 @@ def scene_and_out(
         name, out = "scene", out or Path("scene-report")
     folder = out.with_name(f"{out.name}-scene")
     with output_files(folder, (f"{name}.xml",)) as staging:
-        _write_scene(scene, staging / f"{name}.xml", dict(options or {}))
+        _write_scene(scene, staging / f"{name}.xml", {"warn": warn, **(options or {})})
     return folder / f"{name}.xml", out
 
 
@@ -231,14 +235,14 @@ def _write_scene(scene: object, path: Path, options: dict[str, Any]) -> None:
     if isinstance(scene, Mapping):
         from inim.render.scene_dict import write_scene_dict
 
-        if options:
+        if options.keys() - {"warn"}:
             raise UsageError("new_scene: the scene is a dictionary already; leave it out")
         write_scene_dict(scene, path)
         return
-    from inim.render.scene_files.new_scene import new_scene
+    from inim.render.scene_files.new_scene import ANY_UNIT, new_scene
 
     if isinstance(scene, str | PathLike):
-        new_scene(Path(scene), path, **{"title": path.stem, **options})
+        new_scene(Path(scene), path, **{"title": path.stem, "unit": ANY_UNIT, **options})
         return
     trimesh = sys.modules.get("trimesh")
     if trimesh is None or not isinstance(scene, trimesh.Trimesh | trimesh.Scene):

@@ -82,13 +82,13 @@ _SHARED = {
     "up": _option(
         "--up",
         metavar="AXIS",
-        help="axis of the mesh that points up: x, -x, y, ...; write a negative axis as --up=-z; "
+        help="axis of a mesh that points up: x, -x, y, ...; write a negative axis as --up=-z; "
         "required, except for glTF (y)",
     ),
     "front": _option(
         "--front",
         metavar="AXIS",
-        help="axis of the mesh that faces the viewer (default: z; if z is up, -y)",
+        help="axis of a mesh that faces the viewer (default: z; if z is up, -y)",
     ),
     "allow_folders": _option(
         "--allow-folder",
@@ -96,7 +96,8 @@ _SHARED = {
         default=[],
         type=Path,
         metavar="DIR",
-        help="allow the scene to load files from this folder; may be repeated",
+        help="allow the scene to load files from this folder; may be repeated; auto: from the "
+        "common folder of all files that it names",
     ),
     "preview": _option(
         "--preview",

@@ -178,7 +178,7 @@ class Plan:
     def camera(self, renderer: Renderer) -> DepthCamera:
         """Depth camera in front of the scene, which the renderer opens on first use."""
         s = self.settings
-        scene = Scene(self.scene_file, self.display, s.fit_share, renderer, s.turn_deg)
+        scene = Scene(self.scene_file, self.display, s.placement, renderer)
         rounds = (self.samples["capture_spp"],)
         return DepthCamera(scene, s.capture_pixels_per_pitch, rounds, s.seed)
 
@@ -312,6 +312,7 @@ def inputs_of(
         misalign=s.misalign,
         fit_share=s.fit_share,
         turn_deg=s.turn_deg,
+        relic=s.relic or None,
         lens_model=s.lens_model,
         viewpoints={v.name: (*v.position_mm, v.pupil_mm, v.focus_mm) for v in plan.viewpoints},
         view_pixels_per_lens=s.view_pixels_per_lens,

@@ -94,7 +94,7 @@ def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:
     observer.begin(["start", "open scene", "capture RGB-D"])
     settings = request.settings
     renderer = Renderer("auto", observer)
-    scene = Scene(request.file, request.display, settings.fit_share, renderer, settings.turn_deg)
+    scene = Scene(request.file, request.display, settings.placement, renderer)
     spp = settings.with_samples(request.display).capture_spp
     assert spp is not None
     camera = DepthCamera(scene, settings.capture_pixels_per_pitch, (spp,), settings.seed)

@@ -4,9 +4,10 @@ Meshes reach Mitsuba as arrays, by the shape plugin `inim_mesh`. Bit for bit, it
 normals are those of Mitsuba's shape `ply`.
 """
 
+import itertools
 import math
 import time
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -24,6 +25,7 @@ from inim.render.meshes.splat_ply import SPLAT_SHAPES, check_splats
 from inim.render.meshes.triangle_mesh import Mesh, read_bytes
 from inim.render.rays import NonSeparableRays, SeparableRays
 from inim.render.scene_files.file import SceneFile
+from inim.render.subject import find_left_out
 from inim.render.trace import FilmCamera
 from inim.system.errors import FileError, SceneError
 from inim.system.files import utf8_name
@@ -70,7 +72,9 @@ class FittedScene:
     """A loaded scene with its place in the display.
 
     * `start_mm`: plane just in front of the relic, on which camera rays start.
-    * `shapes`: shapes that are not lights.
+    * `shapes`: shapes of the relic.
+    * `left_out`: names of other shapes that are not lights; the loaded scene has none of them.
+    * `imports`: lines on the files of the shapes, as they were read.
     """
 
     scene: Any
@@ -78,6 +82,8 @@ class FittedScene:
     fit: Fit
     start_mm: float
     shapes: int
+    left_out: tuple[str, ...] = ()
+    imports: tuple[str, ...] = ()
 
     def camera(self, rays: SeparableRays | NonSeparableRays) -> FilmCamera:
         """Camera in the scene, from rays in the display frame."""
@@ -107,25 +113,31 @@ def open_scene(
     fit_share: float,
     observer: Observer | None = None,
     turn_deg: float | None = None,
+    relic: str = "",
 ) -> FittedScene:
     """Load a scanned scene, check its meshes, fit it.
 
     With `turn_deg`, turn the relic about its upward axis, and fit the cylinder of all turns.
+    `relic` names its shapes (`inim.render.subject`).
 
     Raises `FileError`: a mesh is damaged, Mitsuba rejects a file, or a file was saved since its
-    scan. Raises `SceneError`: a scene without visible shapes.
+    scan. Raises `SceneError`: a scene without visible shapes, or without a named one.
     """
     try:
         decoded = _read_files(file)
         started = time.perf_counter()
         scene = _load_scene(file, decoded)
-        relic = [shape for shape in scene.shapes() if not shape.is_emitter()]
-        if not relic:
+        shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
+        if not shapes:
             raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
-        points, axes = np.concatenate([*map(world_points, relic)]), _display_axes(scene)
+        left_out = find_left_out(file, scene, shapes, relic)
+        ids = frozenset(shape.id() for shape in left_out)
+        points = np.concatenate([world_points(s) for s in shapes if s.id() not in ids])
+        axes, turn = _display_axes(scene), None
         if turn_deg is not None:
             points, turn = _turntable(points, axes, turn_deg)
-            scene = _load_scene(file, decoded, turn)
+        if turn is not None or ids:
+            scene = _load_scene(file, decoded, turn, ids)
         if observer:
             observer.record_rendering(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
@@ -139,7 +151,23 @@ def open_scene(
     _check_media(file, scene)
     fit = fit_to_display(points, axes, display, fit_share, str(file.path))
     low, high = display.depth_range_mm
-    return FittedScene(scene, integrator, fit, high + _DEPTH_MARGIN * (high - low), len(relic))
+    start, count = high + _DEPTH_MARGIN * (high - low), len(shapes) - len(left_out)
+    names = tuple(shape.id() for shape in left_out)
+    imports = _import_lines(decoded)
+    if file.common is not None:
+        imports = (*imports, f"files may lie in {file.common}")
+    return FittedScene(scene, integrator, fit, start, count, names, imports)
+
+
+def _import_lines(decoded: Mapping[Path, Any]) -> tuple[str, ...]:
+    """Content of each mesh and picture."""
+    lines = []
+    for path, content in decoded.items():
+        if isinstance(content, Mesh):
+            lines.append(f"{path.name}: {len(content.faces)} triangles")
+        elif content is not None:
+            lines.append(f"{path.name}: {content.shape[1]} x {content.shape[0]} pixels")
+    return tuple(lines)
 
 
 def _read_files(file: SceneFile) -> dict[Path, Any]:
@@ -186,9 +214,12 @@ def _turntable(
 
 
 def _load_scene(
-    file: SceneFile, decoded: Mapping[Path, Any], turn: np.ndarray | None = None
+    file: SceneFile,
+    decoded: Mapping[Path, Any],
+    turn: np.ndarray | None = None,
+    left_out: Collection[str] = (),
 ) -> Any:
-    """Load a scene; apply a `turn`, (4, 4), to its shapes that are not lights."""
+    """Load a scene without the shapes of some ids; turn the others, but not lights, (4, 4)."""
     config = mi.parser.ParserConfig(mi.variant())
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
@@ -198,6 +229,8 @@ def _load_scene(
         # Our rays are structured (through vertices, edges and centres): Embree's default mode
         # lets some of them slip between triangles.
         state.root.props["embree_use_robust_intersections"] = True
+        _name_shapes(state)
+        _remove_shapes(state, left_out)
         if turn is not None:
             for node in _children(state, state.root, mi.ObjectType.Shape):
                 _turn_shape(state, node, turn)
@@ -242,6 +275,32 @@ def _children(state: Any, node: Any, kind: mi.ObjectType) -> list[Any]:
     names = [name for name in node.props if node.props.type(name) == reference]
     nodes = [state.nodes[node.props[name].index()] for name in names]
     return [node for node in nodes if node.type == kind]
+
+
+def _name_shapes(state: Any) -> None:
+    """Give shapes without an id the name of their file, or of their type, and a number."""
+    nodes = _children(state, state.root, mi.ObjectType.Shape)
+    names = {node.props.id() for node in nodes}
+    for node in nodes:
+        if node.props.id():
+            continue
+        properties = node.props
+        has_file = "filename" in properties
+        path = properties["filename"].replace("\\", "/") if has_file else ""
+        base = Path(path).stem or properties.plugin_name()
+        name = next(n for k in itertools.count(1)
+                    if (n := base if k == 1 else f"{base}-{k}") not in names)  # fmt: skip
+        names.add(name)
+        properties.set_id(name)
+
+
+def _remove_shapes(state: Any, ids: Collection[str]) -> None:
+    """Remove the shapes of some ids from a scene."""
+    reference = mi.Properties.Type.ResolvedReference
+    for name in [name for name in state.root.props if state.root.props.type(name) == reference]:
+        node = state.nodes[state.root.props[name].index()]
+        if node.type == mi.ObjectType.Shape and node.props.id() in ids:
+            del state.root.props[name]
 
 
 def _turn_shape(state: Any, node: Any, turn: np.ndarray) -> None:

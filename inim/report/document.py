@@ -105,7 +105,11 @@ class SceneRecord(Part):
     #: Settings and scene parameters of the command line (`-D`), by name.
     definitions: dict[str, str]
     allow_folders: list[str]  #: Further folders from which the scene may load files.
-    shapes: int  #: Number of shapes that are not lights.
+    shapes: int  #: Number of shapes of the relic.
+    #: Names of the shapes that are no lights and do not belong to the relic.
+    left_out: list[str] = []
+    #: Lines on the files of its shapes, as they were read.
+    imports: list[str] = []
     splats: Translucency | None = None
     fit: SceneFit
 

@@ -396,6 +396,8 @@ class RunInputs(Part):
     luminance_cd_m2: float | None = field(name="luminance of white, cd/m^2", default=None)
     #: Only of a turned relic: its turn, counter-clockwise seen from above, degrees.
     turn_deg: float | None = field(name="turn, degrees", default=None)
+    #: Only of chosen shapes: their names, as in `inim.relic`.
+    relic: str | None = field(name="shapes of the relic", default=None)
     #: Only with `--lazy`.
     panel_pixels: Literal["observed ones only"] | None = field(name="panel pixels", default=None)
     variant: str | None = None  #: Variant of the renderer.

@@ -16,6 +16,7 @@ from inim.apps.export.tiles import check_aspect
 from inim.display import Display, Viewpoint
 from inim.display.lens import check_lens_model
 from inim.display.pixels import exact_ratio
+from inim.display.settings import Placement
 from inim.display.viewpoint import zone_eyes
 from inim.image.color import to_srgb
 from inim.image.files.eia_file import read_eia
@@ -45,8 +46,8 @@ class TracedScene:
 
     `report` is the report's folder, for messages, and `sha256` the scene's digest in it.
     `definitions` are the settings and scene parameters that the report's run overrode,
-    `allow_folders` additional folders for files that the scene references, `fit_share` is the share
-    of the lens array that the relic fills, and `turn_deg` its turn.
+    `allow_folders` additional folders for files that the scene references, and `placement` is the
+    part of the scene that the report shows.
     """
 
     report: Path
@@ -54,8 +55,7 @@ class TracedScene:
     sha256: str
     definitions: Mapping[str, str]
     allow_folders: tuple[Path, ...]
-    fit_share: float
-    turn_deg: float | None
+    placement: Placement
 
     @classmethod
     def of(
@@ -71,8 +71,7 @@ class TracedScene:
             scene.sha256,
             scene.definitions,
             tuple(allow_folders),
-            report.data.settings.fit_share,
-            report.data.settings.turn_deg,
+            report.data.settings.placement,
         )
 
     def file(self) -> SceneFile:
@@ -202,7 +201,7 @@ def _views(
     optics = Optics(display, request.lens_model, pixels_per_lens, 2 * request.spp)
     renderer = Renderer("auto", observer)
     if isinstance(source, TracedScene):
-        scene = Scene(source.file(), request.design, source.fit_share, renderer, source.turn_deg)
+        scene = Scene(source.file(), request.design, source.placement, renderer)
         for eye in eyes:
             observer.stage(_VIEW)
             yield render_view(scene, eye, pixels_per_lens, (request.spp,), 0, run=Run())[0].image

@@ -29,6 +29,8 @@ from inim.system.row_bands import row_bands
 
 #: An image whose brightest value is below this is black.
 BLACK = 1e-4
+# Share of the relic's pixels that should not all be black.
+_MOSTLY = 0.9
 #: Above this share of clipped pixels, scores depend more on exposure than on the algorithm.
 CLIPPED_SHARE = 0.01
 _NOT_OBSERVED = "no requested view has a sample there; "
@@ -235,6 +237,19 @@ def any_colour(mask: np.ndarray) -> np.ndarray:
     return pixels
 
 
+def black_warnings(views: Mapping[str, NoisyImage], relics: Mapping[str, np.ndarray]) -> list[str]:
+    """Warnings of views in which nearly all of the relic is black, but not all of the image."""
+    texts = []
+    for name, view in views.items():
+        light = view.image.max(axis=-1)[relics[name]]
+        if light.size and light.max() >= BLACK > np.quantile(light, _MOSTLY):
+            texts.append(
+                f"truth/{name}: {_MOSTLY:.0%} of the relic's pixels are black; check its lights, "
+                "and if its to_world mirrors it, wrap its material in a bsdf of type twosided"
+            )
+    return texts
+
+
 def collect_ground_truth(
     scene: SceneImages,
     reference_views: dict[str, NoisyImage],
@@ -265,6 +280,7 @@ def collect_ground_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
+    warnings += black_warnings(finite_views, {name: relic for name, (_, relic) in views.items()})
     is_rendered = isinstance(capture.camera, DepthCamera)
     needs_viewing = any(metric.needs_viewing for metric in all_metrics())
     return GroundTruth(

@@ -1,11 +1,12 @@
 """Handles of the renderer and of a scene: identified by a digest, loaded on first use."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from functools import cached_property
 from typing import Any, TypedDict
 
 from inim.display import Display
+from inim.display.settings import Placement
 from inim.image.noisy_image import split_samples
 from inim.pipeline.stages.stage import RENDERING, stage
 from inim.render.scene_files.facts import file_facts
@@ -63,15 +64,13 @@ class Renderer:
 class Scene:
     """A scene in front of a display as designed, opened on first use.
 
-    The relic is fitted into the display's depth range and fills `fit_share` of the lens array. It
-    is turned by `turn_deg` (`inim.render.scene.open_scene`).
+    The relic is fitted into the display's depth range (`inim.render.scene.open_scene`).
     """
 
     file: SceneFile
     display: Display
-    fit_share: float
+    placement: Placement
     renderer: Renderer
-    turn_deg: float | None = None
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect rendered images; the display has pinholes for lenses."""
@@ -82,8 +81,7 @@ class Scene:
         parameters = self.display.through_pinholes().parameters()
         return {
             "scene": self.file.rendered_sha256,
-            "fit_share": self.fit_share,
-            "turn_deg": self.turn_deg,
+            **asdict(self.placement),
             **{f"display {name}": value for name, value in parameters.items() if name != "name"},
             **self.renderer.cache_key(),
             **{f"plugin {plugin.name}": plugin.sha256 for plugin in self.renderer.plugins},
@@ -97,7 +95,8 @@ class Scene:
 
         observer = self.renderer.observer
         with observer.timed("open scene"):
-            return open_scene(self.file, self.display, self.fit_share, observer, self.turn_deg)
+            place = asdict(self.placement)
+            return open_scene(self.file, self.display, observer=observer, **place)
 
     @property
     def render_options(self) -> dict[str, Any]:
@@ -112,6 +111,8 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
     splats = {"splats": {"count": scene.fitted.splats}} if scene.fitted.shows_splats else {}
     return {
         "shapes": scene.fitted.shapes,
+        "left_out": list(scene.fitted.left_out),
+        "imports": list(scene.fitted.imports),
         **splats,
         "fit": {
             "scale_xy": fit.scale_xy,

@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -61,6 +61,10 @@ FILE_PARAMETERS = {"filename": True, "material": False}
 _MATERIAL = re.compile(r"[\w-]+", re.ASCII)
 
 
+#: Among allowed folders: the common folder of all files that a scene names.
+AUTO = Path("auto")
+
+
 @dataclass(frozen=True)
 class SceneFile:
     """A scanned scene file."""
@@ -86,6 +90,8 @@ class SceneFile:
     rendered_sha256: str
     #: Canonical text of every element, by name; see `inim.render.scene_files.elements`.
     elements: Mapping[str, str]
+    #: Folder of all named files, if `allowed` asks for it and it is not the scene's.
+    common: Path | None = None
 
     def cache_key(self) -> dict[str, Any]:
         """Return the digest of the scene and all its files."""
@@ -153,7 +159,7 @@ def read_scene_file(
 
     * `path`: Mitsuba XML.
     * `definitions`: settings and scene parameters to override; see `parse_definitions`.
-    * `allowed`: folders besides its own where files that it names may lie.
+    * `allowed`: folders besides its own where files that it names may lie; or `AUTO`.
 
     Raises `FileError`: missing, unreadable or broken XML, or a file it names that is not there.
     `SceneError`: too deep, too large, or naming files elsewhere; an unknown `-D` key.
@@ -180,6 +186,7 @@ def read_scene_file(
         scan.hash.hexdigest(),
         scan.rendered(changed_defaults),
         scan.record.elements,
+        scan.folder.common,
     )
 
 
@@ -297,14 +304,17 @@ def _check_only_settings(definitions: Mapping[str, Any]) -> None:
 
 
 def _scan(
-    path: Path, definitions: dict[str, str], allowed: Iterable[Path], *, files: bool = True
+    path: Path, definitions: dict[str, str], allowed: Sequence[Path], *, files: bool = True
 ) -> _Scan:
     """Scan a whole scene and check that all `-D` keys exist."""
-    for place in allowed:
+    # A command makes paths absolute.
+    places = [place for place in allowed if place.name != AUTO.name or place.exists()]
+    for place in places:
         if not place.is_dir():
             raise UsageError(f"--allow-folder {place}: no such folder; give an existing one")
     try:
-        folder = SceneFolder(path.resolve().parent, [place.resolve() for place in allowed])
+        resolved = [place.resolve() for place in places]
+        folder = SceneFolder(path.resolve().parent, resolved, extends=len(places) < len(allowed))
     # A relative path, and the current folder was deleted; or a circle of links.
     except (OSError, RuntimeError) as error:
         why = getattr(error, "strerror", None) or "its links form a circle"

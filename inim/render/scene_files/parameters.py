@@ -37,11 +37,16 @@ class SceneFolder:
 
     * `folder`: of the scene's XML, resolved.
     * `allowed`: folders, resolved, besides it: every file must lie in one of them.
+    * `extends`: allow the common folder of all files.
     """
 
-    def __init__(self, folder: Path, allowed: Iterable[Path] = ()) -> None:
-        self._folder = folder
+    def __init__(
+        self, folder: Path, allowed: Iterable[Path] = (), *, extends: bool = False
+    ) -> None:
+        self._folder, self._extends = folder, extends
         self._allowed = (folder, *allowed)
+        #: Common folder of all files, where it is not the scene's.
+        self.common: Path | None = None
         self._places = {folder: None}
         self._named: dict[str, tuple[Path, str]] = {}
         #: Of every file, XML included, what was read.
@@ -68,6 +73,8 @@ class SceneFolder:
     def included_path(self, name: str, location: str) -> Path:
         """The XML that an `<include>` names, there or not."""
         path = self._find_path(name, location) or self._inside(self._folder, name, location)
+        if "\\" in name:  # which Mitsuba opens by itself
+            raise SceneError(f"{location}: {name!r} has backslashes; write slashes")
         self._named.setdefault(name, (path, location))
         return path
 
@@ -78,6 +85,11 @@ class SceneFolder:
         allowed folders, the name is ambiguous, or there are too many files.
         """
         path = self._find_path(name, location)
+        if path is None and ("<udim>" in name.lower() or "<uvtile>" in name.lower()):
+            raise FileError(
+                f"{location}: {name!r} is a set of pictures, one per tile, which Mitsuba does not "
+                "read; bake them into one picture"
+            )
         if path is None or not path.is_file():
             raise FileError(f"{location}: {name!r} is not there; paths start at the scene's folder")
         self._named.setdefault(name, (path, location))
@@ -118,6 +130,10 @@ class SceneFolder:
         paths = [self._resolve(place, name, location) for place in self._places]
         try:
             there = {path for path in paths if path.exists()}
+            if not there and "\\" in name:  # as programs for Windows write it
+                name = name.replace("\\", "/")
+                paths = [self._resolve(place, name, location) for place in self._places]
+                there = {path for path in paths if path.exists()}
         except OSError as error:
             raise _unusable_error(name, location, error) from None
         # What is not there cannot be opened; it matters where the file should have been.
@@ -139,7 +155,16 @@ class SceneFolder:
             raise _unusable_error(name, location, error) from None
 
     def _check_inside(self, path: Path, name: str, location: str) -> None:
-        if not any(path.is_relative_to(folder) for folder in self._allowed):
+        if any(path.is_relative_to(folder) for folder in self._allowed):
+            return
+        if self._extends:
+            self.common = Path(os.path.commonpath([self.common or self._folder, path]))
+            if self.common == Path(path.anchor):
+                raise SceneError(
+                    f"{location}: {name!r} has no folder in common with the scene; name its "
+                    "folder with --allow-folder"
+                )
+        else:
             raise SceneError(
                 f"{location}: {name!r} is outside the scene's folder; copy it next to the scene, "
                 f"or add --allow-folder {shlex.quote(str(self._folder_to_allow(path)))}"
