@@ -11,7 +11,7 @@ import numpy as np
 from inim.render.meshes.gltf import count_triangles
 from inim.render.meshes.triangle_mesh import Mesh
 
-_FACE = re.compile(rb"^[ \t]*f[ \t]+([^\r\n#]*)", re.MULTILINE)
+_FACE = re.compile(rb"^[ \t]*[fF][ \t]+([^\r\n#]*)", re.MULTILINE)
 # Relative difference of areas that is no rounding of coordinates.
 _TOLERANCE = 1e-3
 
@@ -46,9 +46,8 @@ class MeshAccount(msgspec.Struct, frozen=True, kw_only=True):
     def lost(self, parts: Sequence[Mesh], scale: float) -> list[str]:
         """Sentences on what is missing in the parts of a scene, `scale` times as large."""
         sentences = []
-        if self.declared is not None and self.declared > self.triangles:
-            missing = self.declared - self.triangles
-            sentences.append(f"{missing} of its {self.declared} triangles were not read")
+        if self.declared is not None and self.declared != self.triangles:
+            sentences.append(f"{self.triangles} triangles were read, of {self.declared} in it")
         area = _area(parts) / scale**2
         if abs(area - self.area) > _TOLERANCE * self.area:
             sentences.append(
@@ -78,10 +77,12 @@ def mesh_account(path: Path, data: bytes, kind: str, meshes: Sequence[Mesh]) -> 
 
 def _declared(data: bytes, kind: str) -> int | None:
     if kind == "obj":
-        return sum(max(0, len(line.split()) - 2) for line in _FACE.findall(data))
+        text = data.replace(b"\\\r\n", b" ").replace(b"\\\n", b" ")
+        return sum(max(0, len(line.split()) - 2) for line in _FACE.findall(text))
     if kind == "stl":
-        is_text = data.lstrip()[:5].lower() == b"solid" and b"endfacet" in data
-        return data.count(b"endfacet") if is_text else int.from_bytes(data[80:84], "little")
+        if len(data) == 84 + 50 * int.from_bytes(data[80:84], "little"):
+            return int.from_bytes(data[80:84], "little")
+        return data.lower().count(b"endfacet")
     if kind in ("glb", "gltf"):
         return count_triangles(data)
     return None

@@ -60,17 +60,19 @@ def prepare_gltf(
     end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
     header = json.loads(data[_GLB_START:end] if is_binary else data)
     _check_extensions(path, header)
+    changes = [_complete(header)]
     primitives = [p for mesh in header.get("meshes", []) for p in mesh["primitives"]]
     _check_accessors(header, primitives, len(data))
     if lost := [f"{n} {name}" if n else name for name, n in _unread(header, primitives).items()]:
         warn(f"{path}: not read: {', '.join(lost)}; the relic goes without")
-    changes = [_show_emission(material) for material in header.get("materials", [])]
+    changes += [_show_diffuse(material) for material in header.get("materials", [])]
+    changes += [_show_emission(material) for material in header.get("materials", [])]
     binary = data[end + 8 :]  # the header of the second chunk has 8 bytes
     changes += [
         _place_instances(header, node, binary, read_companion)
         for node in [*header.get("nodes", [])]
     ]
-    changes += [_mark(header, primitive) for primitive in primitives]
+    changes += [_mark(header, primitive, binary, read_companion) for primitive in primitives]
     if not any(changes):
         return data
     text = json.dumps(header).encode()
@@ -82,16 +84,39 @@ def prepare_gltf(
     return data[:8] + size.to_bytes(4, "little") + chunk + data[end:]
 
 
+def _complete(header: dict[str, Any]) -> bool:
+    """Add a scene of all root nodes where there is none, and remove cameras; True if changed."""
+    nodes = header.get("nodes", [])
+    cameras = [node.pop("camera", None) for node in nodes]
+    changed = any(camera is not None for camera in cameras)
+    if nodes and not header.get("scenes"):
+        children = {child for node in nodes for child in node.get("children", [])}
+        header["scenes"] = [{"nodes": [n for n in range(len(nodes)) if n not in children]}]
+        header["scene"], changed = 0, True
+    return changed
+
+
 def count_triangles(data: bytes) -> int | None:
-    """Triangles that the nodes of a file place, instances included; None if it is not known."""
+    """Triangles that the nodes of the scene place, instances included; None for damaged files."""
     is_binary = data.startswith(_GLB_MAGIC)
     end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
     header = json.loads(data[_GLB_START:end] if is_binary else data)
+    _complete(header)
+    try:
+        return _placed_triangles(header)
+    except (IndexError, KeyError, TypeError, ValueError):
+        return None
+
+
+def _placed_triangles(header: dict[str, Any]) -> int:
+    left = list(header["scenes"][header.get("scene", 0)].get("nodes", []))
     total = 0
-    for node in header.get("nodes", []):
+    while left:
+        node = header["nodes"][left.pop()]
+        left += node.get("children", [])
         instances = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
-        copies = [header["accessors"][index]["count"] for index in instances.values()] or [1]
         if "mesh" in node:
+            copies = [header["accessors"][index]["count"] for index in instances.values()] or [1]
             for primitive in header["meshes"][node["mesh"]]["primitives"]:
                 total += max(copies) * _triangles(header, primitive)
     return total
@@ -121,7 +146,9 @@ def _check_extensions(path: Path, header: dict[str, Any]) -> None:
 
 def _unread(header: dict[str, Any], primitives: list[dict[str, Any]]) -> Counter[str]:
     """Content of a file that changes what is seen and is not read, with its number or 0."""
-    lost = Counter({name: 0 for name in header.get("extensionsUsed", []) if name not in _READ})
+    extensions = header.get("extensionsUsed", [])
+    lost = Counter({name: 0 for name in extensions if isinstance(extensions, list)})
+    lost = Counter({name: 0 for name in lost if name not in _READ})
     for name in ("animations", "skins"):
         lost[name] = len(header.get(name, []))
     lost["morph targets"] = sum(len(p.get("targets", [])) for p in primitives)
@@ -132,8 +159,12 @@ def _unread(header: dict[str, Any], primitives: list[dict[str, Any]]) -> Counter
     for material in header.get("materials", []):
         is_lit = "emissiveTexture" in material or any(material.get("emissiveFactor", ()))
         lost["emissions of coloured surfaces"] += is_lit and not _is_black(material)
-    used = set(header.get("extensionsUsed", []))
-    return Counter({name: n for name, n in lost.items() if n or name in used})
+        color = material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1, 1, 1, 1))
+        is_clear = material.get("alphaMode", "OPAQUE") != "OPAQUE"
+        lost["transparent materials"] += is_clear and (
+            color[3] < 0.5 or material["alphaMode"] == "MASK"
+        )
+    return Counter({name: n for name, n in lost.items() if n or name in extensions})
 
 
 def _is_black(material: dict[str, Any]) -> bool:
@@ -141,6 +172,17 @@ def _is_black(material: dict[str, Any]) -> bool:
     if glossy is not None:
         return not any(glossy.get("diffuseFactor", (1,))[:3])
     return not any(material.get("pbrMetallicRoughness", {}).get("baseColorFactor", (1,))[:3])
+
+
+def _show_diffuse(material: dict[str, Any]) -> bool:
+    """Let the diffuse colour of a material with a specular one be its colour; True if it has."""
+    glossy = material.get("extensions", {}).get(_SPECULAR)
+    if glossy is None:
+        return False
+    material.pop("pbrMetallicRoughness", None)
+    glossy.pop("specularGlossinessTexture", None)
+    glossy["specularFactor"] = [0, 0, 0]
+    return True
 
 
 def _show_emission(material: dict[str, Any]) -> bool:
@@ -166,9 +208,9 @@ def _place_instances(
 ) -> bool:
     """Give a node a child for each instance of its mesh; True if it has instances."""
     extension = node.get("extensions", {}).pop(_INSTANCES, None)
-    if extension is None or "mesh" not in node:
+    attributes = {} if extension is None else extension["attributes"]
+    if not attributes or "mesh" not in node:
         return False
-    attributes = extension["attributes"]
     keys = [key for key in ("TRANSLATION", "ROTATION", "SCALE") if key in attributes]
     count = header["accessors"][next(iter(attributes.values()))]["count"]
     if count > _MOST_INSTANCES:
@@ -182,11 +224,44 @@ def _place_instances(
     return True
 
 
+def _substitutions(
+    header: dict[str, Any], index: int, binary: bytes, read_companion: Callable[[str], bytes]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Places and values that a sparse accessor replaces, (n, 1) and (n, width)."""
+    accessor = header["accessors"][index]
+    sparse = accessor["sparse"]
+    shared = {"count": sparse["count"]}
+    places = {"type": "SCALAR", **shared, **sparse["indices"]}
+    values = {**{k: accessor[k] for k in ("type", "componentType")}, **shared, **sparse["values"]}
+    source = header, binary, read_companion
+    return _numbers_of(places, *source), _numbers_of(values, *source)
+
+
 def _numbers(
     header: dict[str, Any], index: int, binary: bytes, read_companion: Callable[[str], bytes]
 ) -> np.ndarray:
-    """Numbers of an accessor of vectors, (count, width) float64."""
+    """Numbers of an accessor of vectors, (count, width) float64; whole ones as shares of one."""
     accessor = header["accessors"][index]
+    numbers = np.array(_numbers_of(accessor, header, binary, read_companion))
+    if "sparse" in accessor:
+        places, values = _substitutions(header, index, binary, read_companion)
+        numbers[places.ravel().astype(int)] = values
+    if numbers.dtype.kind == "f":
+        return numbers.astype(np.float64)
+    return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
+
+
+def _numbers_of(
+    accessor: dict[str, Any],
+    header: dict[str, Any],
+    binary: bytes,
+    read_companion: Callable[[str], bytes],
+) -> np.ndarray:
+    """Stored numbers of an accessor, (count, width)."""
+    kind = np.dtype("<" + _TYPES[accessor["componentType"]])
+    width = 1 if accessor["type"] == "SCALAR" else int(accessor["type"][-1])
+    if "bufferView" not in accessor:
+        return np.zeros((accessor["count"], width), kind)
     view = header["bufferViews"][accessor["bufferView"]]
     uri = header["buffers"][view["buffer"]].get("uri")
     if uri is None:
@@ -197,16 +272,12 @@ def _numbers(
             if uri.startswith("data:")
             else read_companion(uri)
         )
-    kind, width = np.dtype("<" + _TYPES[accessor["componentType"]]), int(accessor["type"][-1])
     start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
     stride = view.get("byteStride", width * kind.itemsize)
     count = accessor["count"]
     if start + (count - 1) * stride + width * kind.itemsize > len(source):
-        raise ValueError("an instance is beyond the end of its buffer")
-    numbers = np.ndarray((count, width), kind, source, start, (stride, kind.itemsize))
-    if kind.kind == "f":
-        return numbers.astype(np.float64)
-    return np.maximum(numbers / np.iinfo(kind).max, -1)
+        raise ValueError("an accessor is beyond the end of its buffer")
+    return np.ndarray((count, width), kind, source, start, (stride, kind.itemsize))
 
 
 def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], size: int) -> None:
@@ -225,12 +296,23 @@ def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], s
         raise ValueError(f"declares {zeros} items without data")
 
 
-def _mark(header: dict[str, Any], primitive: dict[str, Any]) -> bool:
+def _mark(
+    header: dict[str, Any],
+    primitive: dict[str, Any],
+    binary: bytes,
+    read_companion: Callable[[str], bytes],
+) -> bool:
     """Note how a primitive's attributes are decoded, where that is more than reading numbers.
 
     Returns True if something was noted.
     """
     attributes = primitive["attributes"]
+    sparse = {
+        name: [part.tolist() for part in _substitutions(header, index, binary, read_companion)]
+        for name, index in attributes.items()
+        if "sparse" in header["accessors"][index]
+    }
+    is_fan = primitive.get("mode") == _FAN
     texture = _base_color_texture(header, primitive)
     transform = texture.get("extensions", {}).get(_TRANSFORM, {})
     coordinates = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
@@ -240,9 +322,10 @@ def _mark(header: dict[str, Any], primitive: dict[str, Any]) -> bool:
     normalized = [
         name for name, index in attributes.items() if header["accessors"][index].get("normalized")
     ]
-    is_decoded = bool(normalized or transform)
+    is_decoded = bool(normalized or transform or sparse or is_fan)
     if is_decoded:
-        decoding = {"normalized": normalized, "transform": transform}
+        decoding = {"normalized": normalized, "transform": transform, "sparse": sparse}
+        decoding["fan"] = is_fan
         primitive.setdefault("extensions", {})[_DECODED] = decoding
     return is_decoded or is_another_set
 
@@ -263,6 +346,18 @@ def _decode(context: Any) -> None:
     """Replace a primitive's accessors by decoded copies; others may share the originals."""
     accessors, attributes = context["accessors"], context["primitive"]["attributes"]
     decoding = context["data"]
+    for name, (places, values) in decoding["sparse"].items():
+        numbers = np.array(accessors[attributes[name]])
+        numbers[np.ravel(places).astype(int)] = values
+        _replace(accessors, attributes, name, numbers)
+    if decoding["fan"]:
+        primitive = context["primitive"]
+        count = len(accessors[attributes["POSITION"]])
+        corners = np.ravel(accessors[primitive["indices"]] if "indices" in primitive
+                           else np.arange(count))  # fmt: skip
+        triangles = np.stack([np.full(len(corners) - 2, corners[0]), corners[1:-1], corners[2:]])
+        _replace(accessors, primitive, "indices", triangles.T.ravel().astype(np.uint32))
+        primitive["mode"] = _TRIANGLES
     for name in decoding["normalized"]:
         numbers = accessors[attributes[name]]
         if numbers.dtype.kind in "iu":
@@ -279,6 +374,6 @@ def _decode(context: Any) -> None:
         _replace(accessors, attributes, "TEXCOORD_0", np.stack(moved, axis=-1).astype(np.float32))
 
 
-def _replace(accessors: list[Any], attributes: dict[str, int], name: str, numbers: Any) -> None:
+def _replace(accessors: list[Any], attributes: dict[str, Any], name: str, numbers: Any) -> None:
     attributes[name] = len(accessors)
     accessors.append(numbers)

@@ -3,7 +3,6 @@
 Files are decoded here or by trimesh, checked once as arrays, and passed to Mitsuba as arrays.
 """
 
-import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +10,7 @@ from pathlib import Path
 import numpy as np
 
 from inim.display.pixels import MM_PER_INCH
+from inim.render.meshes.obj import read_obj
 from inim.render.meshes.off import read_off
 from inim.render.meshes.ply import is_ply, read_ply
 from inim.render.meshes.triangle_mesh import (
@@ -59,8 +59,6 @@ def read_shape(path: Path, plugin: str, warn: Callable[[str], object] = _silent)
     if plugin not in _FORMATS_OF_SHAPES:
         raise FileError(f"{path}: {plugin} meshes are not read; export it as PLY")
     data = read_bytes(path)
-    if plugin == "obj" and b"usemtl" in data:  # one mesh, whatever materials its faces have
-        data = re.sub(rb"^[ \t]*usemtl\b[^\r\n]*", b"", data, flags=re.MULTILINE)
     mesh = _meshes(path, data, plugin, warn, materials=False)[0]
     if text := coarse_text(mesh.vertices):
         warn(f"{path}: {text}; `inim new-scene` centres a mesh first")
@@ -70,18 +68,17 @@ def read_shape(path: Path, plugin: str, warn: Callable[[str], object] = _silent)
 def _meshes(
     path: Path, data: bytes, kind: str, warn: Callable[[str], object], *, materials: bool
 ) -> list[Mesh]:
-    mesh = None
     if kind == "ply":
-        mesh = read_ply(path, data, warn, materials=materials)
+        meshes = [read_ply(path, data, warn, materials=materials)]
+    elif kind == "obj":
+        meshes = read_obj(path, data, warn, materials=materials)
     elif kind == "off":
-        mesh = read_off(path, data)
-    if mesh is not None:
-        meshes = [mesh]
+        meshes = [read_off(path, data, warn)]
     else:
         # Loads in a third of a second, which scenes of plain PLY meshes need not pay.
         from inim.render.meshes.trimesh_reader import read_with_trimesh
 
-        meshes = read_with_trimesh(path, data, kind, warn, materials=materials)
+        meshes = read_with_trimesh(path, data, kind, warn)
     for mesh in meshes:
         check_mesh(path, mesh)
     # Of several surfaces, those that are no more than lines show nothing.

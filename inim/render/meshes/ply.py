@@ -1,4 +1,4 @@
-"""Reader and writer of PLY files that consist of triangles; trimesh reads the others.
+"""Reader and writer of PLY files.
 
 trimesh needs one line per record of a text, drops attributes, and trusts that all lists are as long
 as the first. Importing it takes a third of a second, which scenes with PLY meshes need not pay.
@@ -12,11 +12,20 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from inim.image.color import linear_from_srgb
-from inim.render.meshes.triangle_mesh import Mesh, parse_numbers, usable_normals
+from inim.render.meshes.companions import Companions
+from inim.render.meshes.polygons import triangulate
+from inim.render.meshes.triangle_mesh import (
+    Mesh,
+    check_indices,
+    parse_numbers,
+    usable_normals,
+)
 from inim.system.errors import FileError
 from inim.system.process.atomic_file import write_atomically
 
 _HEADER_BYTES = 2**20
+# Items of one list.
+_MOST_ITEMS = 2**16
 _END = b"\nend_header"
 _ORDERS = {"ascii": "=", "binary_little_endian": "<", "binary_big_endian": ">"}
 _TYPES = {
@@ -27,15 +36,38 @@ _TYPES = {
 }  # fmt: skip
 
 
+class PlyProperty(NamedTuple):
+    """Property of an element, by NumPy types; a list has a type of its counts."""
+
+    name: str
+    type: str
+    count_type: str = ""
+
+
 @dataclass(frozen=True)
 class PlyElement:
-    """PLY element of fixed records, in which each list is a count and 3 items."""
+    """Element of a PLY file."""
 
     name: str
     count: int  #: Records declared.
-    #: Name and NumPy type; a list `a` is `a.count`, `a.0`, `a.1`, `a.2`.
-    fields: list[tuple[str, str]] = field(default_factory=list)
-    lists: list[str] = field(default_factory=list)
+    properties: list[PlyProperty] = field(default_factory=list)
+
+    @property
+    def fields(self) -> list[tuple[str, str]]:
+        """Names and NumPy types."""
+        return [(own.name, own.type) for own in self.properties]
+
+    @property
+    def lists(self) -> list[PlyProperty]:
+        """Properties that are lists."""
+        return [own for own in self.properties if own.count_type]
+
+
+class Ragged(NamedTuple):
+    """Lists of a property: their lengths, (records,), and all of their items, (items,)."""
+
+    counts: np.ndarray
+    items: np.ndarray
 
 
 class PlyHeader(NamedTuple):
@@ -70,11 +102,10 @@ def ply_header(path: Path, data: bytes) -> PlyHeader:
             case ["element", name, count] if count.isdecimal() and len(count) < 20:
                 elements.append(PlyElement(name, int(count)))
             case ["property", "list", count, item, name] if elements and {count, item} <= {*_TYPES}:
-                items = [(f"{name}.{k}", _TYPES[item]) for k in range(3)]
-                elements[-1].fields.extend([(f"{name}.count", _TYPES[count]), *items])
-                elements[-1].lists.append(name)
+                own = PlyProperty(name.lower(), _TYPES[item], _TYPES[count])
+                elements[-1].properties.append(own)
             case ["property", kind, name] if elements and kind in _TYPES:
-                elements[-1].fields.append((name, _TYPES[kind]))
+                elements[-1].properties.append(PlyProperty(_property_name(name), _TYPES[kind]))
             case [] | ["ply"] | ["obj_info", *_]:
                 pass
             case ["comment", *words]:
@@ -89,11 +120,18 @@ def ply_header(path: Path, data: bytes) -> PlyHeader:
     return PlyHeader(order, elements, comments, size)
 
 
+def _property_name(name: str) -> str:
+    """A usual name in lower case; some programs write colours as ``diffuse_red``."""
+    usual = name.lower().removeprefix("diffuse_")
+    return usual if usual in _USUAL else name
+
+
 _NORMAL_NAMES = (("nx", "ny", "nz"),)
 _UV_NAMES = (("u", "v"), ("texture_u", "texture_v"), ("s", "t"))
 _COLOR_NAMES = (("r", "g", "b"), ("red", "green", "blue"))
 
-_Columns = dict[str, np.ndarray]
+_USUAL = {"x", "y", "z", *sum((*_NORMAL_NAMES, *_UV_NAMES, *_COLOR_NAMES), ())}
+_Columns = dict[str, Any]
 _Names = tuple[tuple[str, ...], ...]
 # Last letters of the columns that make an attribute, and the end of its name, as Mitsuba has them.
 _CHANNELS = {"xyz": "", "rgb": "_color", "012": "", "123": ""}
@@ -101,62 +139,94 @@ _CHANNELS = {"xyz": "", "rgb": "_color", "012": "", "123": ""}
 
 def read_ply(
     path: Path, data: bytes, warn: Callable[[str], object], *, materials: bool = True
-) -> Mesh | None:
-    """Read the mesh of a PLY of triangles.
+) -> Mesh:
+    """Read the mesh of a PLY of polygons.
 
-    * `path`: for messages.
+    * `path`: path of the file, next to its companions.
     * `data`: content of the file.
     * `warn`: called with a line on content that is not read, if materials are needed.
     * `materials`: whether colours and a picture that the file names are needed.
 
-    Returns None for other polygons, and where a picture is needed: trimesh reads these.
-
-    Raises `FileError`: the file is damaged.
+    Raises `FileError`: the file is damaged, or has no faces.
     """
     header = ply_header(path, data)
     kinds = {element.name: dict(element.fields) for element in header.elements}
-    if "tristrips" in kinds:  # trimesh reads their vertices as points
+    if "tristrips" in kinds:
         raise FileError(f"{path}: has triangle strips; open it in MeshLab, and export triangles")
-    pictures = [comment for comment in header.comments if comment.startswith("TextureFile")]
+    comments = [comment.split(None, 1) for comment in header.comments if comment.strip()]
+    pictures = [words[1:] for words in comments if words[0].lower() == "texturefile"]
     if materials and len(pictures) > 1:
         raise FileError(f"{path}: has {len(pictures)} pictures; open it in MeshLab, and export OBJ")
-    # A number takes a byte at least, and a list may be empty.
-    if sum(e.count * (len(e.fields) - 3 * len(e.lists)) for e in header.elements) > len(data):
-        raise FileError(f"{path}: declares more than its {len(data)} bytes; it is cut short")
     columns = columns_of(data, header)
-    if columns is None or not {"vertex", "face"} <= columns.keys():
-        return None
-    vertex, face = columns["vertex"], columns["face"]
-    uv = _stack_columns(vertex, _UV_NAMES)
-    if materials and uv is not None and pictures:
-        return None
-    vertices, faces = _geometry(path, vertex, face)
+    if columns is None:
+        raise FileError(f"{path}: its length does not match its header; it is cut short or damaged")
+    vertex, face = columns.get("vertex", {}), columns.get("face", {})
+    vertices, corners, counts = _geometry(path, vertex, face)
+    if (counts == 3).all():
+        triangles, polygon = np.arange(len(corners)).reshape(-1, 3), np.arange(len(counts))
+    else:
+        triangles, polygon = triangulate(vertices[corners], counts)
+    faces = corners[triangles]
     normals = usable_normals(_stack_columns(vertex, _NORMAL_NAMES))
-    attributes = _attributes("vertex", vertex, kinds["vertex"])
-    attributes |= _attributes("face", face, kinds["face"])
-    color = attributes.pop("vertex_color", None)
-    if materials and (unread := _unread(header)):
-        warn(f"{path}: not read: {', '.join(unread)}")
-    if materials and color is None and "face_color" in attributes:
-        # Every face gets corners of its own.
-        color = np.repeat(attributes.pop("face_color"), 3, axis=0)
-        corner, faces = faces.ravel(), np.arange(faces.size).reshape(-1, 3)
-        return Mesh(vertices[corner], faces, None, None, color, None, path.stem)
-    return Mesh(vertices, faces, normals, uv, color, None, path.stem, attributes)
+    uv = _stack_columns(vertex, _UV_NAMES)
+    attributes = _attributes("vertex", vertex, kinds.get("vertex", {}))
+    of_faces = _attributes("face", face, kinds["face"])
+    attributes |= {name: values[polygon] for name, values in of_faces.items()}
+    color, texture, name = attributes.pop("vertex_color", None), None, path.stem
+    if not materials:
+        return Mesh(vertices, faces, normals, uv, color, None, name, attributes)
+    of_face = attributes.pop("face_color", None)
+    lost = _unread(header, vertex, face)
+    lost += ["colours of faces"] * (of_face is not None and color is not None)
+    wedges = _wedges(face, counts)
+    if pictures:
+        companions = Companions(path)
+        texture = companions.picture("".join(pictures[0]))
+        if texture is not None and uv is None and wedges is None:
+            texture, lost = None, [*lost, "the picture, for lack of texture coordinates"]
+        if texture is not None and (color is not None or of_face is not None):
+            color, of_face, lost = None, None, [*lost, "colours next to the picture"]
+        for text in companions.losses():
+            warn(f"{path}: {text}")
+    if lost:
+        warn(f"{path}: not read: {', '.join(lost)}")
+    if texture is not None and wedges is not None:  # every corner has coordinates of its own
+        return Mesh(vertices[corners], triangles, None, wedges, None, texture, name)
+    if color is None and of_face is not None:
+        color = np.repeat(_unit(of_face), 3, axis=0)
+        own = np.arange(faces.size).reshape(-1, 3)
+        return Mesh(vertices[faces.ravel()], own, None, None, color, None, name)
+    if color is not None:
+        color = _unit(color)
+    return Mesh(vertices, faces, normals, uv, color, texture, name)
 
 
-def _unread(header: PlyHeader) -> list[str]:
-    """Elements and properties that no mesh has."""
-    used_names = {
-        name for groups in (_NORMAL_NAMES, _UV_NAMES, _COLOR_NAMES) for g in groups for name in g
-    }
-    used_names |= {"x", "y", "z", "vertex_index", "vertex_indices", "flags"}
-    unread = [f"{e.count} of {e.name}" for e in header.elements
-              if e.name not in ("vertex", "face") and e.count]  # fmt: skip
-    for element in header.elements:
-        if element.name in ("vertex", "face"):
-            names = dict.fromkeys(name.partition(".")[0] for name, _ in element.fields)
-            unread += [f"{name} of each {element.name}" for name in names if name not in used_names]
+def _unit(color: np.ndarray) -> np.ndarray:
+    """Colours from 0 to 1; some programs write whole numbers up to 255 as floats."""
+    return color if color.max(initial=0) <= 1 else linear_from_srgb(np.clip(color / 255, 0, 1))
+
+
+def _wedges(face: _Columns, counts: np.ndarray) -> np.ndarray | None:
+    """Texture coordinates of corners, (corners, 2) float32."""
+    own = face.get("texcoord")
+    if not isinstance(own, Ragged) or not np.array_equal(own.counts, 2 * counts):
+        return None
+    return np.nan_to_num(own.items.astype(np.float32)).reshape(-1, 2)
+
+
+def _unread(header: PlyHeader, vertex: _Columns, face: _Columns) -> list[str]:
+    """Elements and properties that no mesh has, except opacities of one."""
+    used_names = _USUAL | {"vertex_index", "vertex_indices", "flags", "texcoord", "texnumber"}
+    unread = [
+        f"{e.count} of {e.name}"
+        for e in header.elements
+        if e.name not in ("vertex", "face") and e.count
+    ]
+    for element, columns in (("vertex", vertex), ("face", face)):
+        for name, values in columns.items():
+            is_opaque = name in ("alpha", "a") and np.min(values, initial=255) in (1, 255)
+            if name not in used_names and not is_opaque:
+                unread.append(f"{name} of each {element}")
     return unread
 
 
@@ -186,48 +256,189 @@ def write_header(names: Iterable[str], vertices: int, end: Sequence[str] = ()) -
 
 
 def columns_of(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
-    """Columns by element and property; None where lists are no triangles, or bytes are left.
+    """Columns by element and property, lists as `Ragged`; None where the length is another.
 
-    Integers of a text are floats.
+    Numbers of a text are float64.
     """
     is_text = header.order == "="
-    body: Any = parse_numbers(data[header.size :]) if is_text else memoryview(data)[header.size :]
+    body: Any = _numbers_of(data, header) if is_text else memoryview(data)[header.size :]
     if body is None:
         return None
     tables, start = {}, 0
     for element in header.elements:
-        if is_text:
-            fields = [(name, code if code[0] == "f" else "f8") for name, code in element.fields]
-            size = element.count * len(fields)
-        else:
-            fields = [(name, header.order + code) for name, code in element.fields]
-            size = element.count * np.dtype(fields).itemsize
-        part, start = body[start : start + size], start + size
-        if len(part) < size:
+        read = _text_records if is_text else _binary_records
+        if element.count > len(body):  # a record takes a number at least
             return None
-        if is_text:
-            rows = part.reshape(element.count, len(fields)).T
-            columns = {n: row.astype(code) for (n, code), row in zip(fields, rows, strict=True)}
-        else:
-            table = np.frombuffer(part, fields, element.count)
-            columns = {name: table[name] for name, _ in fields}
-        if any((columns[f"{name}.count"] != 3).any() for name in element.lists):
+        result = read(body, start, element, header.order)
+        if result is None:
             return None
-        tables[element.name] = columns
+        tables[element.name], start = result
     return tables if start == len(body) else None
 
 
-def _geometry(path: Path, vertex: _Columns, face: _Columns) -> tuple[np.ndarray, np.ndarray]:
-    """Vertices (n, 3), float32 or float64, and faces (m, 3) int64."""
-    key = next((k for k in ("vertex_index", "vertex_indices") if f"{k}.count" in face), None)
-    if key is None or not {"x", "y", "z"} <= vertex.keys():
+def _numbers_of(data: bytes, header: PlyHeader) -> np.ndarray | None:
+    """Numbers of a text body, without its comments."""
+    body = data[header.size :]
+    if b"comment" in body:
+        lines = body.replace(b"\r", b"\n").split(b"\n")
+        body = b"\n".join(line for line in lines if not line.startswith(b"comment"))
+    return parse_numbers(body)
+
+
+def _text_records(
+    numbers: np.ndarray, start: int, element: PlyElement, _: str
+) -> tuple[_Columns, int] | None:
+    """Columns of an element from the numbers of a text, and where the next element starts."""
+    lengths = _lengths(element, lambda place: numbers[start + place : start + place + 1])
+    width = sum(lengths) if lengths is not None else 0
+    if lengths is None or start + element.count * width > len(numbers):
+        return _walk_text(numbers, start, element)
+    rows = numbers[start : start + element.count * width].reshape(element.count, width)
+    columns, place = {}, 0
+    for own, length in zip(element.properties, lengths, strict=True):
+        values = rows[:, place : place + length]
+        if own.count_type and (values[:, 0] != length - 1).any():
+            return _walk_text(numbers, start, element)
+        columns[own.name] = _column(own, values)
+        place += length
+    return columns, start + rows.size
+
+
+def _lengths(element: PlyElement, at: Callable[[int], Any]) -> list[int] | None:
+    """Numbers that each property takes in the first record; `at`: returns a number at a place."""
+    lengths: list[int] = []
+    for own in element.properties:
+        length = 1
+        if own.count_type and element.count:
+            count = at(sum(lengths))
+            if not len(count) or not 0 <= count[0] < _MOST_ITEMS:
+                return None
+            length += int(count[0])
+        lengths.append(length)
+    return lengths
+
+
+def _column(own: PlyProperty, values: np.ndarray) -> Any:
+    """Column of a property from its numbers in each record, (records, length)."""
+    if not own.count_type:
+        return values[:, 0]
+    counts = np.full(len(values), values.shape[1] - 1, np.int64)
+    return Ragged(counts, values[:, 1:].reshape(-1))
+
+
+def _walk_text(numbers: np.ndarray, start: int, element: PlyElement) -> tuple[_Columns, int] | None:
+    """As `_text_records`, one record after the other: lists have different lengths."""
+    places: dict[str, list[int]] = {own.name: [] for own in element.properties}
+    counts: dict[str, list[int]] = {own.name: [] for own in element.lists}
+    for _ in range(element.count):
+        for own in element.properties:
+            if start >= len(numbers):
+                return None
+            if own.count_type:
+                count = numbers[start]
+                start += 1
+                if not 0 <= count <= len(numbers) - start:
+                    return None
+                counts[own.name].append(int(count))
+                places[own.name].extend(range(start, start + int(count)))
+                start += int(count)
+            else:
+                places[own.name].append(start)
+                start += 1
+    columns: _Columns = {}
+    for name, own_places in places.items():
+        values = numbers[np.array(own_places, np.int64)]
+        columns[name] = Ragged(np.array(counts[name]), values) if name in counts else values
+    return columns, start
+
+
+def _binary_records(
+    body: memoryview, start: int, element: PlyElement, order: str
+) -> tuple[_Columns, int] | None:
+    """Columns of an element from a binary body, and where the next element starts."""
+    fields: list[Any] = []
+    size = 0
+    for own in element.properties:
+        if not own.count_type:
+            fields.append((own.name, order + own.type))
+        else:
+            count_type = np.dtype(order + own.count_type)
+            first = body[start + size : start + size + count_type.itemsize]
+            if element.count and len(first) < count_type.itemsize:
+                return None
+            count = int(np.frombuffer(first, count_type)[0]) if element.count else 0
+            if not 0 <= count < _MOST_ITEMS:
+                return _walk_binary(body, start, element, order)
+            fields += [(f"{own.name}.count", count_type)]
+            fields += [(own.name, order + own.type, (count,))]
+        size = np.dtype(fields).itemsize
+    part = body[start : start + element.count * size]
+    if len(part) < element.count * size:
+        return _walk_binary(body, start, element, order) if element.lists else None
+    table = np.frombuffer(part, fields, element.count)
+    columns: _Columns = {}
+    for own in element.properties:
+        columns[own.name] = table[own.name]
+        if own.count_type:
+            counts = table[f"{own.name}.count"].astype(np.int64)
+            width = table[own.name].shape[1]
+            if (counts != width).any():
+                return _walk_binary(body, start, element, order)
+            columns[own.name] = Ragged(counts, table[own.name].reshape(-1))
+    return columns, start + len(part)
+
+
+def _walk_binary(
+    body: memoryview, start: int, element: PlyElement, order: str
+) -> tuple[_Columns, int] | None:
+    """As `_binary_records`, one record after the other: lists have different lengths."""
+    places: dict[str, list[int]] = {own.name: [] for own in element.properties}
+    counts: dict[str, list[int]] = {own.name: [] for own in element.lists}
+    sizes = {own.name: np.dtype(own.type).itemsize for own in element.properties}
+    byte_order: Any = "big" if order == ">" else "little"
+    for _ in range(element.count):
+        for own in element.properties:
+            size, count = sizes[own.name], 1
+            if own.count_type:
+                width = np.dtype(own.count_type).itemsize
+                count = int.from_bytes(body[start : start + width], byte_order)
+                start += width
+                if count * size > len(body) - start:
+                    return None
+                counts[own.name].append(count)
+            places[own.name].extend(range(start, start + count * size, size))
+            start += count * size
+            if start > len(body):
+                return None
+    octets = np.frombuffer(body, np.uint8)
+    columns: _Columns = {}
+    for own in element.properties:
+        index = np.array(places[own.name], np.int64)[:, None] + np.arange(sizes[own.name])
+        values = np.ascontiguousarray(octets[index]).view(order + own.type).reshape(-1)
+        is_list = own.name in counts
+        columns[own.name] = Ragged(np.array(counts[own.name]), values) if is_list else values
+    return columns, start
+
+
+def _geometry(
+    path: Path, vertex: _Columns, face: _Columns
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Vertices (n, 3), float32 or float64; corners of all faces int64; corners of each face."""
+    if not vertex or not len(next(iter(vertex.values()))):
+        raise FileError(f"{path}: holds no vertices and no faces; inim needs a triangle mesh")
+    own = next((face[k] for k in ("vertex_index", "vertex_indices") if k in face), None)
+    if own is None or not len(own.counts):
+        raise FileError(f"{path}: holds points or lines but no faces; inim needs a triangle mesh")
+    if not isinstance(own, Ragged) or not {"x", "y", "z"} <= vertex.keys():
         raise FileError(f"{path}: the PLY has no x, y, z or no vertex_indices; export it again")
-    corners = np.stack([face[f"{key}.{k}"] for k in range(3)], axis=1)
+    corners = own.items
     if corners.dtype.kind == "f" and (corners != np.floor(corners)).any():
         raise FileError(f"{path}: face indices are not whole numbers; export it again")
     vertices = np.stack([vertex[name] for name in "xyz"], axis=1)
     kind = np.float64 if vertices.dtype.itemsize > 4 else np.float32
-    return vertices.astype(kind), corners.astype(np.int64)
+    corners = corners.astype(np.int64)
+    check_indices(path, corners, len(vertices))
+    return vertices.astype(kind), corners, own.counts
 
 
 def _present(columns: _Columns, groups: _Names) -> tuple[str, ...] | None:
@@ -236,7 +447,8 @@ def _present(columns: _Columns, groups: _Names) -> tuple[str, ...] | None:
 
 
 def _stack_columns(columns: _Columns, groups: _Names) -> np.ndarray | None:
-    names = _present(columns, groups)
+    scalars = {name: own for name, own in columns.items() if not isinstance(own, Ragged)}
+    names = _present(scalars, groups)
     if names is None:
         return None
     return np.nan_to_num(np.stack([columns[n] for n in names], axis=1).astype(np.float32))
@@ -249,7 +461,7 @@ def _attributes(owner: str, columns: _Columns, kinds: dict[str, str]) -> dict[st
     """
     groups = {f"{owner}_color": names} if (names := _present(columns, _COLOR_NAMES)) else {}
     stems: dict[str, str] = {}
-    for name in columns:
+    for name in (name for name, values in columns.items() if not isinstance(values, Ragged)):
         stem, _, letter = name.rpartition("_")
         if stem and len(letter) == 1:
             stems[stem] = stems.get(stem, "") + letter

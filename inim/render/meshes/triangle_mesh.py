@@ -81,11 +81,16 @@ def check_mesh(path: Path, mesh: Mesh) -> None:
         raise FileError(
             f"{path}: coordinates reach {reach:.3g}; the file is damaged, or scale it down first"
         )
-    low, high = int(faces.min()), int(faces.max())
-    if low < 0 or high >= len(vertices):
+    check_indices(path, faces, len(vertices))
+
+
+def check_indices(path: Path, corners: np.ndarray, count: int) -> None:
+    """Raise `FileError` unless all corners of faces are among `count` vertices."""
+    low, high = int(corners.min(initial=0)), int(corners.max(initial=0))
+    if low < 0 or high >= count:
         raise FileError(
             f"{path}: a face refers to vertex {low if low < 0 else high}, but there are "
-            f"{len(vertices)} (0 to {len(vertices) - 1}); the file is damaged, export it again"
+            f"{count} (0 to {count - 1}); the file is damaged, export it again"
         )
 
 

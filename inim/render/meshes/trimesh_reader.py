@@ -1,10 +1,9 @@
-"""Meshes read by trimesh: OBJ, STL, glTF, and PLY that is more than plain triangles."""
+"""Meshes read by trimesh: STL and glTF."""
 
 import io
 import logging
 import mimetypes
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -13,127 +12,79 @@ import trimesh
 from PIL import Image
 
 from inim.image.color import linear_from_srgb, srgb_from_linear, srgb_to_uint8
+from inim.render.meshes.companions import Companions
 from inim.render.meshes.gltf import prepare_gltf
-from inim.render.meshes.obj import UV_TRANSFORM, prepare_mtl, prepare_obj
-from inim.render.meshes.triangle_mesh import Mesh, first_line, usable_normals
+from inim.render.meshes.triangle_mesh import Mesh, coarse_text, first_line, usable_normals
 from inim.system.errors import FileError
-from inim.system.files import read_file
 
-_MOST_TEXTURE_PIXELS = 2**26
 _MOST_INSTANCED_FACES = 50_000_000
-_MOST_COMPANION_BYTES = 2**29
 # Name of the vertex colours of a mesh that also has a material.
 _COLORS = "_inim_color"
 # Vertex colours above it change no 8-bit code.
 _WHITE = 0.995
-# trimesh's colour for "nobody said"; a material of this colour says nothing.
-_GREY = (102, 102, 102)
 
 # Without a handler, trimesh's tracebacks would go to the terminal.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
-class _Companions(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
-    """The files that a mesh names, from its own folder; keeps the names of those that are lacking.
+class _Resolver(trimesh.resolvers.FilePathResolver):  # type: ignore[misc]
+    """Companions of a mesh for trimesh, which goes on without them, silently."""
 
-    trimesh goes on without them, silently.
-    """
-
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, companions: Companions) -> None:
         super().__init__(str(path))
-        self._folder = path.parent
-        self.lacking: dict[str, None] = {}
-        self.libraries: list[str] = []
-        self.unread_maps: dict[str, None] = {}
+        self._companions = companions
 
     def get(self, name: str) -> Any:
         """Bytes of a companion file; trimesh catches the exceptions of this method."""
-        if self.libraries and name == self.libraries[0]:
-            return self._materials()
-        try:
-            data = self._read(name)
-            if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
-                Image.open(io.BytesIO(data)).close()
-        except Exception:
-            self.lacking[name] = None
-            raise
-        return data
-
-    def _materials(self) -> bytes:
-        """Texts of all material libraries: a line names one file with spaces, or several."""
-        texts = []
-        for line in self.libraries:
-            for name in (line,) if self._find(line) is not None else line.split():
-                data = self._find(name)
-                if data is None:
-                    self.lacking[name] = None
-                    continue
-                text, unread = prepare_mtl(data)
-                texts.append(text)
-                self.unread_maps |= dict.fromkeys(unread)
-        return b"\n".join(texts)
-
-    def _read(self, name: str) -> bytes:
-        """Read a file from one of the folders that trimesh searches."""
-        data = self._find(name)
+        data = self._companions.read(name)
         if data is None:
             raise ValueError(f"{name[:120]!r} is no file that is read")
+        if (mimetypes.guess_type(name)[0] or "").startswith("image/"):
+            try:
+                Image.open(io.BytesIO(data)).close()
+            except Exception:
+                self._companions.lacking[name] = None
+                raise
         return data
-
-    def _find(self, name: str) -> bytes | None:
-        """Content of a file by its path from the mesh's folder, or by its name in that folder."""
-        path = name.strip().replace("\\", "/")
-        bare = path.rpartition("/")[2]
-        others = [entry.name for entry in self._folder.iterdir()
-                  if entry.name.lower() == bare.lower()]  # fmt: skip
-        for candidate in (path, path.lstrip("/"), bare, *others):
-            with suppress(ValueError, FileError):
-                data: bytes = read_file(self.absolute(candidate), _MOST_COMPANION_BYTES)
-                return data
-        return None
 
 
 def read_with_trimesh(
-    path: Path, data: bytes, kind: str, warn: Callable[[str], object], *, materials: bool = True
+    path: Path, data: bytes, kind: str, warn: Callable[[str], object]
 ) -> list[Mesh]:
     """Read every surface of the *transformed* scene; any exception of trimesh becomes a FileError.
 
     * `path`: path of the mesh, next to its companion files.
     * `data`: content of the file.
     * `kind`: name of the format in trimesh.
-    * `warn`: called with a line for each missing companion file.
-    * `materials`: True to read materials and textures.
+    * `warn`: called with a line on what is not read.
     """
     try:
-        companions = _Companions(path)
+        companions = Companions(path)
+        resolver = _Resolver(path, companions)
         if kind in ("glb", "gltf"):
-            data = prepare_gltf(path, data, companions.get, warn)
-        elif kind == "obj":
-            data, companions.libraries = prepare_obj(data)
+            data = prepare_gltf(path, data, resolver.get, warn)
+        elif _has_colors(data):
+            warn(f"{path}: not read: colours of an STL")
         # No processing: merging vertices drops texture seams, and NaN must be seen, not mended.
         scene = trimesh.load_scene(
             io.BytesIO(data),
             file_type=kind,
-            resolver=companions,
+            resolver=resolver,
             process=False,
-            skip_materials=not materials,
         )
-        for name in companions.lacking:
-            warn(
-                f"{path}: {name[:120]!r} is missing, unreadable or outside the mesh's folder; "
-                "the relic goes without it"
-            )
-        if companions.unread_maps:
-            warn(f"{path}: not read: {', '.join(companions.unread_maps)}; only map_Kd has colours")
+        for text in companions.losses():
+            warn(f"{path}: {text}")
         _check_instances(path, scene)
         for part in scene.geometry.values():  # copies keep a mesh's attributes, but not a visual's
             colors = getattr(getattr(part, "visual", None), "vertex_attributes", {}).get("color")
             if colors is not None:
                 part.vertex_attributes[_COLORS] = colors
+        for part in scene.geometry.values():
+            if text := coarse_text(np.asarray(getattr(part, "vertices", np.zeros((1, 3))))):
+                warn(f"{path}: {text}; export it closer to its origin")
         linear = kind in ("glb", "gltf")
         # Copies, where nodes have transforms, lose the file's normals.
-        parts = scene.dump() if materials else list(scene.geometry.values())
-        surfaces = _surfaces(path, parts)
+        surfaces = _surfaces(path, scene.dump())
         if any(_has_two_colors(part) for part in surfaces):
             warn(f"{path}: its vertex colours would multiply its texture, and are left out")
         return [_mesh(path, part, linear_colors=linear) for part in surfaces]
@@ -144,6 +95,15 @@ def read_with_trimesh(
     except Exception as error:
         cause = first_line(error)
         raise FileError(f"{path}: not a readable {kind} mesh ({cause}); export it again") from error
+
+
+def _has_colors(data: bytes) -> bool:
+    """True for a binary STL with attributes of triangles, or a colour in its header."""
+    count = int.from_bytes(data[80:84], "little")
+    if len(data) != 84 + 50 * count:
+        return False
+    records = np.frombuffer(data, np.uint8, offset=84).reshape(count, 50)
+    return b"COLOR=" in data[:80] or bool(records[:, 48:].any())
 
 
 def _surfaces(path: Path, parts: list[Any]) -> list[Any]:
@@ -204,31 +164,19 @@ def _appearance(
     # Where trimesh found no picture it paints four grey pixels, which no file's format has.
     if image is not None and image.size == (2, 2) and image.format is None:
         image = None
-    factor = getattr(material, "baseColorFactor", None) if linear else material.main_color
+    factor = getattr(material, "baseColorFactor", None)
     tint = np.ones(3, np.float32) if factor is None else _color(np.array([factor]), linear)[0]
     uv = None if visual.uv is None else np.nan_to_num(np.asarray(visual.uv, np.float32))
     if uv is not None and uv.shape != (count, 2):
         uv = None
-    transform = getattr(material, "kwargs", {}).get(UV_TRANSFORM)
-    if uv is not None and transform:
-        numbers = np.array(transform, np.float32)
-        uv = uv * numbers[:2] + numbers[2:]
     if image is not None and uv is not None:
-        return None, uv, _apply_tint(_pixels(path, image), tint if linear else np.ones(3))
+        return None, uv, _apply_tint(Companions(path).pixels(image), tint)
     colors = part.vertex_attributes.get(_COLORS)
     if colors is not None and len(colors) == count:
         return _color(colors, linear) * tint, uv, None
-    if factor is None or tuple(factor[:3]) == _GREY or bool((tint == 1).all()):
+    if factor is None or bool((tint == 1).all()):
         return None, uv, None
     return np.tile(tint, (count, 1)).astype(np.float32), uv, None
-
-
-def _pixels(path: Path, image: Any) -> np.ndarray:
-    if image.width * image.height > _MOST_TEXTURE_PIXELS:
-        raise FileError(
-            f"{path}: texture of {image.width} x {image.height} pixels; scale it below 8192 x 8192"
-        )
-    return np.asarray(image.convert("RGB"), np.uint8)
 
 
 def _apply_tint(pixels: np.ndarray, tint: np.ndarray) -> np.ndarray:
