@@ -86,23 +86,13 @@ class Evaluation:
         """Warnings of capture, ground truth, methods and sampling, in this order."""
         method_warnings = [text for result in self.results.values() for text in result.warnings]
         return [
-            *self._scene_warnings(),
+            *self.source.get("warnings", []),
             *self.capture.warnings,
             *self.truth.warnings,
             *method_warnings,
             *self._splat_warnings(),
             *self._reference_warnings(),
             *self._sampling_warnings(),
-        ]
-
-    def _scene_warnings(self) -> list[str]:
-        """Warn of shapes that were left out without a request."""
-        names = self.source.get("left_out", [])
-        if not names or self.plan.settings.relic:
-            return []
-        return [
-            f"{self.plan.request.scene}: left out {', '.join(names)}, far larger than what the "
-            "scene's camera looks at; to choose the shapes, set inim.relic"
         ]
 
     def _sampling_warnings(self) -> list[str]:

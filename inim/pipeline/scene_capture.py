@@ -1,12 +1,13 @@
 """EIA of a scene: its RGB-D picture is captured in a worker process."""
 
+import json
 import tempfile
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -25,7 +26,7 @@ from inim.system.errors import naming
 from inim.system.process.observer import Observer
 from inim.system.worker.supervisor import run_in_worker
 
-_PICTURE = "rgbd.exr"
+_PICTURE, _NOTES = "rgbd.exr", "notes.json"
 
 
 @dataclass(frozen=True)
@@ -38,6 +39,13 @@ class CaptureRequest:
     input: Input
 
 
+class SceneNotes(NamedTuple):
+    """Lines on the files of a scene, and warnings."""
+
+    imports: Sequence[str]
+    warnings: Sequence[str]
+
+
 def generate_from_scene(
     path: Path,
     display: Display | str | Path | None,
@@ -45,13 +53,13 @@ def generate_from_scene(
     algorithm: str,
     *,
     debug: bool = False,
-) -> tuple[RGBD, Display, GeneratorRun]:
+) -> tuple[RGBD, Display, GeneratorRun, SceneNotes]:
     """Capture a scene with the settings in its file and generate its EIA.
 
     * `display`, `definitions`: see `inim.render.scene_files.file.choose_display`.
 
-    Also returns the picture and the display as designed. The generator's kernels are loaded or
-    compiled while the worker renders.
+    Also returns the picture, the display as designed, and what was read. The generator's kernels
+    are loaded or compiled while the worker renders.
 
     Raises `InimError`: an unreadable scene, impossible settings, or no usable backend.
     """
@@ -78,7 +86,8 @@ def generate_from_scene(
         job = f"{__name__}:run_job"
         run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)
         rgbd = read_rgbd(folder / _PICTURE)
-        return rgbd, design, generator.run(rgbd, holes=shows_holes(design))
+        notes = SceneNotes(**json.loads((folder / _NOTES).read_text("utf-8")))
+        return rgbd, design, generator.run(rgbd, holes=shows_holes(design)), notes
 
 
 def _dot(display: Display, shape: tuple[int, int], pixel_mm: float) -> RGBD:
@@ -100,4 +109,6 @@ def run_job(request: CaptureRequest, staging: Path, observer: Observer) -> bool:
     camera = DepthCamera(scene, settings.capture_pixels_per_pitch, (spp,), settings.seed)
     capture = capture_nonempty(camera, {request.input}, run=Run(observer=observer))
     write_rgbd(staging / _PICTURE, capture.inputs[request.input].rgbd)
+    notes = {"imports": scene.fitted.imports, "warnings": scene.fitted.warnings}
+    (staging / _NOTES).write_text(json.dumps(notes), "utf-8")
     return True

@@ -25,7 +25,7 @@ from inim.render.meshes.splat_ply import SPLAT_SHAPES, check_splats
 from inim.render.meshes.triangle_mesh import Mesh, read_bytes
 from inim.render.rays import NonSeparableRays, SeparableRays
 from inim.render.scene_files.file import SceneFile
-from inim.render.subject import find_left_out
+from inim.render.subject import find_subject
 from inim.render.trace import FilmCamera
 from inim.system.errors import FileError, SceneError
 from inim.system.files import utf8_name
@@ -75,6 +75,7 @@ class FittedScene:
     * `shapes`: shapes of the relic.
     * `left_out`: names of other shapes that are not lights; the loaded scene has none of them.
     * `imports`: lines on the files of the shapes, as they were read.
+    * `warnings`: sentences on shapes that are not shown as one might expect.
     """
 
     scene: Any
@@ -84,6 +85,7 @@ class FittedScene:
     shapes: int
     left_out: tuple[str, ...] = ()
     imports: tuple[str, ...] = ()
+    warnings: tuple[str, ...] = ()
 
     def camera(self, rays: SeparableRays | NonSeparableRays) -> FilmCamera:
         """Camera in the scene, from rays in the display frame."""
@@ -130,7 +132,7 @@ def open_scene(
         shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
         if not shapes:
             raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
-        left_out = find_left_out(file, scene, shapes, relic)
+        left_out, warnings = find_subject(file, scene, shapes, relic)
         ids = frozenset(shape.id() for shape in left_out)
         points = np.concatenate([world_points(s) for s in shapes if s.id() not in ids])
         axes, turn = _display_axes(scene), None
@@ -156,7 +158,8 @@ def open_scene(
     imports = _import_lines(decoded)
     if file.common is not None:
         imports = (*imports, f"files may lie in {file.common}")
-    return FittedScene(scene, integrator, fit, start, count, names, imports)
+    warnings = (*warnings, *_mirrored(file, ids))
+    return FittedScene(scene, integrator, fit, start, count, names, imports, warnings)
 
 
 def _import_lines(decoded: Mapping[Path, Any]) -> tuple[str, ...]:
@@ -275,6 +278,32 @@ def _children(state: Any, node: Any, kind: mi.ObjectType) -> list[Any]:
     names = [name for name in node.props if node.props.type(name) == reference]
     nodes = [state.nodes[node.props[name].index()] for name in names]
     return [node for node in nodes if node.type == kind]
+
+
+# Materials that are black from behind.
+_ONE_SIDED = ("diffuse", "conductor", "roughconductor", "plastic", "roughplastic", "principled",
+              "principledthin", "pplastic")  # fmt: skip
+
+
+def _mirrored(file: SceneFile, left_out: Collection[str]) -> tuple[str, ...]:
+    """Warnings of meshes that their transform turns inside out, with one-sided materials."""
+    state = _parse_scene(mi.parser.ParserConfig(mi.variant()), file)
+    _name_shapes(state)
+    texts = []
+    for node in _children(state, state.root, mi.ObjectType.Shape):
+        properties = node.props
+        if properties.plugin_name() not in ("ply", "obj") or "to_world" not in properties:
+            continue
+        matrix = np.asarray(properties["to_world"].matrix, np.float64).reshape(4, 4)
+        materials = _children(state, node, mi.ObjectType.BSDF)
+        plugin = materials[0].props.plugin_name() if materials else "diffuse"
+        is_shown = properties.id() not in left_out
+        if is_shown and np.linalg.det(matrix[:3, :3]) < 0 and plugin in _ONE_SIDED:
+            texts.append(
+                f"{file.path}: to_world mirrors the shape {properties.id()}, whose material "
+                f"{plugin} is black from behind; wrap it in a bsdf of type twosided"
+            )
+    return tuple(texts)
 
 
 def _name_shapes(state: Any) -> None:

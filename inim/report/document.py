@@ -110,6 +110,8 @@ class SceneRecord(Part):
     left_out: list[str] = []
     #: Lines on the files of its shapes, as they were read.
     imports: list[str] = []
+    #: Sentences on shapes that are not shown as one might expect.
+    warnings: list[str] = []
     splats: Translucency | None = None
     fit: SceneFit
 

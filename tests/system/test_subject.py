@@ -30,6 +30,7 @@ def test_surroundings_do_not_decide_the_size_of_what_the_camera_looks_at(open_fi
     assert {*fitted.left_out} == {name for name in ("floor", "room") if f'"{name}"' in around}
     assert fitted.fit.scale_xy == alone.fit.scale_xy
     assert [shape.id() for shape in fitted.scene.shapes()] == ["ball"]
+    assert "to choose the shapes, set inim.relic" in fitted.warnings[0]
 
 
 def test_all_shapes_that_belong_together_are_the_relic(open_fitted):
@@ -41,10 +42,25 @@ def test_all_shapes_that_belong_together_are_the_relic(open_fitted):
     assert fitted.shapes == 11
 
 
-def test_without_a_camera_or_a_hit_every_shape_is_the_relic(open_fitted):
-    assert open_fitted(scene(FLOOR, BALL), DISPLAY).left_out == ()
-    away = CAMERA.format("0,0,12", "0,900,13")
-    assert open_fitted(scene(away, FLOOR, BALL), DISPLAY).left_out == ()
+@pytest.mark.parametrize("camera", ["", CAMERA.format("0,0,12", "0,900,13")])
+def test_without_a_camera_or_a_hit_a_dominating_shape_is_named(open_fitted, camera):
+    fitted = open_fitted(scene(camera, FLOOR, BALL), DISPLAY)
+    assert fitted.left_out == ()
+    assert "the shape floor is 408 times as large as all others together" in fitted.warnings[0]
+
+
+def test_what_the_camera_shows_as_a_whole_is_the_relic(open_fitted):
+    # A small gem before a large body; a gap in the middle; a pebble far away; a lamp before all.
+    gem = sphere((0, 0, 3), 0.1)
+    body = sphere((0, 0, 0), 1.5)
+    lamp = """<shape type="rectangle"><transform name="to_world"><translate z="6"/></transform>
+    <emitter type="area"/></shape>"""
+    assert open_fitted(scene(FRONT, gem, body), DISPLAY).left_out == ()
+    pair = sphere((-1.5, 0, 0), 0.2) + sphere((1.5, 0, 0), 0.2)
+    pebble = sphere((4000, 0, 0), 1).replace("<shape", '<shape id="pebble"')
+    fitted = open_fitted(scene(FRONT, FLOOR, lamp, pair, pebble), DISPLAY)
+    assert {*fitted.left_out} == {"floor", "pebble"}
+    assert fitted.shapes == 2
 
 
 def test_a_setting_chooses_the_shapes(renderer, tmp_path):
@@ -94,7 +110,18 @@ def test_a_set_of_tiles_is_explained(tmp_path):
         read_scene_file(path)
 
 
-def test_a_mirrored_one_sided_mesh_is_warned_of(renderer, open_fitted):
+@pytest.mark.parametrize(("material", "is_named"), [("diffuse", True), ("twosided", False)])
+def test_a_mirrored_one_sided_mesh_is_named(open_fitted, tmp_path, material, is_named):
+    (tmp_path / "m.obj").write_text("v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    inner = '<bsdf type="diffuse"/>' if material == "twosided" else ""
+    mesh = f'''<shape type="obj"><string name="filename" value="m.obj"/>
+    <transform name="to_world"><scale x="-1"/></transform>
+    <bsdf type="{material}">{inner}</bsdf></shape>'''
+    warnings = open_fitted(scene(mesh), DISPLAY).warnings
+    assert any("to_world mirrors the shape m" in text for text in warnings) == is_named
+
+
+def test_a_view_of_a_black_relic_is_warned_of(renderer):
     from inim.image.noisy_image import NoisyImage
     from inim.pipeline.stages.ground_truth import black_warnings
 

@@ -30,10 +30,11 @@ TEXTURED = (
 )
 
 
-def test_a_mesh_in_place_of_a_scene_names_the_command_that_makes_one(tmp_path):
-    (tmp_path / "my pot.PLY").write_bytes(b"ply\n")
-    says = ["is a mesh", "inim new-scene 'my pot.PLY'"]
-    assert_refused("validate", "my pot.PLY", folder=tmp_path, says=says)
+def test_a_mesh_in_place_of_a_scene_needs_its_axes(tmp_path):
+    (tmp_path / "my pot.OBJ").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
+    says = ["my pot.OBJ: the format contains no up axis, give --up", "1 x 1 x 0 units"]
+    assert_refused("validate", "my pot.OBJ", folder=tmp_path, says=says)
+    assert [path.name for path in tmp_path.iterdir()] == ["my pot.OBJ"]
 
 
 # --- Settings -----------------------------------------------------------------------------------

@@ -233,3 +233,135 @@ def test_black_surfaces_that_shine_have_the_colour_of_their_light(tmp_path):
     text = gltf(material={**grey, "emissiveFactor": [0, 0.5, 0]})
     _, lines = messages_of(tmp_path, "c.gltf", text, unit="m", force=True)
     assert "1 emissions of coloured surfaces" in lines[0]
+
+
+L_SHAPE = [(1, 1), (1, 2), (0, 2), (0, 0), (2, 0), (2, 1)]
+
+
+@pytest.mark.parametrize("kind", ["obj", "ply", "off"])
+def test_concave_polygons_keep_their_area(tmp_path, kind):
+    points = "\n".join(f"{x} {y} 0" for x, y in L_SHAPE)
+    texts = {
+        "obj": "".join(f"v {row}\n" for row in points.split("\n")) + "f 1 2 3 4 5 6\n",
+        "ply": "ply\nformat ascii 1.0\nelement vertex 6\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 1\nproperty list uchar int vertex_index\nend_header\n"
+        f"{points}\n6 0 1 2 3 4 5\n",
+        "off": f"OFF\n6 1 0\n{points}\n6 0 1 2 3 4 5\n",
+    }
+    (tmp_path / f"a.{kind}").write_text(texts[kind])
+    (mesh,) = read_mesh(tmp_path / f"a.{kind}")
+    a, b, c = (mesh.vertices[mesh.faces[:, k]] for k in range(3))
+    assert np.cross(b - a, c - a)[:, 2].sum() / 2 == pytest.approx(3)
+    assert np.linalg.norm(np.cross(b - a, c - a), axis=1).sum() / 2 == pytest.approx(3)
+
+
+@pytest.mark.parametrize("form", ["ascii", "binary_little_endian", "binary_big_endian"])
+def test_polygons_of_a_ply_have_the_colours_of_their_faces(tmp_path, form):
+    order = ">" if form.endswith("big_endian") else "<"
+    head = (
+        f"ply\nformat {form} 1.0\nelement vertex 5\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 2\nproperty list uchar int vertex_indices\n"
+        "property list uchar float texcoord\nproperty uchar red\nproperty uchar green\n"
+        "property uchar blue\nend_header\n"
+    )
+    points = [(0, 0, 0), (1, 0, 0), (1, 1, 0), (0, 1, 0), (0, 2, 0)]
+    polygons = [((0, 1, 2, 3), (255, 0, 0)), ((3, 2, 4), (0, 255, 0))]
+    if form == "ascii":
+        rows = [" ".join(map(str, point)) for point in points]
+        for corners, color in polygons:
+            wedges = [2 * len(corners)] + [0.5] * 2 * len(corners)
+            rows.append(" ".join(map(str, [len(corners), *corners, *wedges, *color])))
+        body = ("\n".join(["", *rows]) + "\n").encode()
+    else:
+        body = np.array(points, order + "f4").tobytes()
+        for corners, color in polygons:
+            body += bytes([len(corners)]) + np.array(corners, order + "i4").tobytes()
+            body += (
+                bytes([2 * len(corners)]) + np.full(2 * len(corners), 0.5, order + "f4").tobytes()
+            )
+            body += bytes(color)
+    (tmp_path / "a.ply").write_bytes(head.encode() + body)
+    (mesh,) = read_mesh(tmp_path / "a.ply", pytest.fail)
+    assert len(mesh.faces) == 3
+    assert np.array_equal(mesh.color[::3], [RED, RED, GREEN])
+
+
+@pytest.mark.parametrize(
+    ("use", "library"),
+    [
+        ("usemtl\tred  wine", "newmtl red wine\nKd 1 0 0 # red\n"),
+        ("  usemtl Red", "\ufeffnewmtl red\nKd 1 0 0\n"),
+        ("usemtl m # c", "newmtl m\nKe 1 0 0\nKd 0 0 0\n"),
+        ("usemtl m", "newmtl m\r\nKd 1 \\\r\n0 0\r\n"),
+    ],
+)
+def test_materials_are_found_by_their_names(tmp_path, use, library):
+    (tmp_path / "my a.mtl").write_bytes(library.encode())
+    (tmp_path / "a.obj").write_text(f'mtllib "my a.mtl"\n{use}\n{obj_text()}')
+    (mesh,) = read_mesh(tmp_path / "a.obj", pytest.fail)
+    assert np.unique(mesh.color, axis=0).tolist() == [[1, 0, 0]]
+
+
+def test_missing_materials_and_colours_are_named(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl a\nKd spectral x.rfl\nnewmtl b\nd 0.1\n")
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\nusemtl c\n{obj_text()}l 1 2\n")
+    heard = []
+    read_mesh(tmp_path / "a.obj", heard.append)
+    text = "\n".join(heard)
+    assert "1 lines" in text
+    assert "materials c are not defined" in text
+    assert "Kd spectral x.rfl" in text
+    assert "materials b are transparent" in text
+
+
+def test_colours_of_vertices_multiply_those_of_a_material(tmp_path):
+    (tmp_path / "a.mtl").write_text("newmtl m\nKd 1 1 1\n")
+    rows = "".join(f"v {x} {y} {z} 1 0 0\n" for x, y, z in CORNERS)
+    faces = "".join(f"f {a} {b} {c}\n" for a, b, c in FACES + 1)
+    (tmp_path / "a.obj").write_text(f"mtllib a.mtl\n{rows}usemtl m\n{faces}")
+    (mesh,) = read_mesh(tmp_path / "a.obj", pytest.fail)
+    assert np.unique(mesh.color, axis=0).tolist() == [[1, 0, 0]]
+
+
+def test_sparse_accessors_and_fans_are_read(tmp_path):
+    tree = json.loads(gltf())
+    body = base64.b64decode(tree["buffers"][0]["uri"].partition(",")[2])
+    start = len(body)
+    body += np.array([3], "<u2").tobytes() + bytes(2) + np.array([0, 0, 30], "<f4").tobytes()
+    uri = "data:application/octet-stream;base64," + base64.b64encode(body).decode()
+    tree["buffers"] = [{"uri": uri, "byteLength": len(body)}]
+    tree["bufferViews"] += [
+        {"buffer": 0, "byteOffset": start, "byteLength": 2},
+        {"buffer": 0, "byteOffset": start + 4, "byteLength": 12},
+    ]
+    tree["accessors"][0]["sparse"] = {
+        "count": 1,
+        "indices": {"bufferView": 4, "componentType": 5123},
+        "values": {"bufferView": 5},
+    }
+    (tmp_path / "s.gltf").write_text(json.dumps(tree))
+    (mesh,) = read_mesh(tmp_path / "s.gltf", pytest.fail)
+    assert mesh.vertices.max(axis=0).tolist() == [1, 2, 30]
+    tree = json.loads(gltf())
+    primitive = tree["meshes"][0]["primitives"][0]
+    primitive["mode"] = 6
+    del primitive["indices"]
+    (tmp_path / "f.gltf").write_text(json.dumps(tree))
+    (mesh,) = read_mesh(tmp_path / "f.gltf", pytest.fail)
+    assert np.array_equal(mesh.vertices[mesh.faces[1]], CORNERS[[0, 2, 3]])
+
+
+@pytest.mark.parametrize("extra", [{"mesh": 99}, INSTANCES, {"camera": 0, "children": [0]}])
+def test_nodes_outside_the_scene_do_no_harm(tmp_path, extra):
+    tree = json.loads(gltf())
+    tree["nodes"].append(extra)
+    _, lines = messages_of(tmp_path, "a.gltf", json.dumps(tree), unit="m")
+    assert lines == ["read 4 triangles, 1 body, 1 x 2 x 3 units, no colours"]
+
+
+def test_colours_of_an_stl_are_named(tmp_path):
+    table = np.zeros(4, [("n", "<f4", 3), ("v", "<f4", (3, 3)), ("a", "<u2")])
+    table["v"], table["a"] = CORNERS[FACES], 0x801F
+    count = (4).to_bytes(4, "little")
+    _, lines = messages_of(tmp_path, "a.stl", bytes(80) + count + table.tobytes())
+    assert "not read: colours of an STL" in lines[0]

@@ -102,7 +102,7 @@ def test_transparent_pixels_have_no_surface(tmp_path, mode):
 def test_a_transparent_picture_is_refused(tmp_path):
     Image.new("RGBA", SHAPE[::-1]).save(tmp_path / "c.png")
     np.save(tmp_path / "d.npy", DEPTH)
-    with pytest.raises(FileError, match=r"are transparent"):
+    with pytest.raises(FileError, match=r"all of its pixels are transparent"):
         picture(color=tmp_path / "c.png", depth=tmp_path / "d.npy")
 
 
@@ -139,3 +139,108 @@ def test_arrays_of_one_picture(tmp_path, shape):
     np.savez(tmp_path / "two.npz", a=DEPTH, b=DEPTH)
     with pytest.raises(FileError, match=r"arrays a, b, not one"):
         read_depth(tmp_path / "two.npz")
+
+
+def test_holes_are_not_filled_from_beneath_transparent_pixels(tmp_path):
+    rgba = np.full((*SHAPE, 4), 90, np.uint8)
+    rgba[..., 3] = np.where(np.arange(8) < 4, 255, 0)
+    Image.fromarray(rgba).save(tmp_path / "c.png")
+    depth = np.where(np.arange(8) < 4, 0.5, 0.9).astype(np.float32) * np.ones(SHAPE, np.float32)
+    depth[:, 3] = 0
+    np.save(tmp_path / "d.npy", depth)
+    for rule in ("nearest", "behind", "far"):
+        files = {"color": tmp_path / "c.png", "depth": tmp_path / "d.npy"}
+        result = picture(**files, missing_depth=rule).values.depth
+        assert (result[:, :4] == 500).all()
+        assert np.isnan(result[:, 4:]).all()
+
+
+@pytest.mark.parametrize("quality", [75, 90])
+def test_a_jpeg_of_colour_and_depth_is_read_in_spite_of_its_seam(tmp_path, quality):
+    color = np.full((48, 64, 3), (200, 20, 30), np.uint8)
+    depth = np.repeat(np.linspace(40, 200, 64).astype(np.uint8)[None, :, None], 48, axis=0)
+    both_halves = np.concatenate([color, np.repeat(depth, 3, axis=2)], axis=1)
+    Image.fromarray(both_halves).save(tmp_path / "c.jpg", quality=quality)
+    options = {"depth_unit": "none", "near_is_large": True}
+    result = picture(color=tmp_path / "c.jpg", depth=type(tmp_path)("right"), **options)
+    far = np.abs(result.values.depth[:, 16:] - depth[:, 16:, 0].astype(float))
+    assert far.max() < 8
+
+
+def test_numbers_of_a_pgm_are_those_of_the_file(tmp_path):
+    codes = np.rint(DEPTH * 10000).astype(">u2")
+    (tmp_path / "d.pgm").write_bytes(b"P5\n# a comment\n8 6\n10000\n" + codes.tobytes())
+    assert np.array_equal(read_depth(tmp_path / "d.pgm").values, codes)
+    (tmp_path / "d.pgm").write_bytes(b"P5 8 6 100 " + np.arange(48, dtype=np.uint8).tobytes())
+    assert np.array_equal(read_depth(tmp_path / "d.pgm").values.ravel(), np.arange(48))
+
+
+def test_depth_of_other_modes_is_read_or_refused(tmp_path):
+    grey = np.repeat(np.linspace(0, 240, 48).reshape(*SHAPE, 1).astype(np.uint8), 3, axis=2)
+    Image.fromarray(grey).convert("CMYK").save(tmp_path / "d.jpg", quality=98)
+    far = np.abs(read_depth(tmp_path / "d.jpg").values - grey[..., 0].astype(float))
+    assert far.max() < 6
+    exif = Image.Exif()
+    exif[0x0112] = 3  # upside down
+    Image.fromarray(grey[..., 0]).save(tmp_path / "r.jpg", quality=100, exif=exif)
+    turned = read_depth(tmp_path / "r.jpg").values
+    assert np.abs(turned - grey[::-1, ::-1, 0]).max() < 3
+    clear = np.dstack([grey[..., 0], np.where(grey[..., 0] > 99, 255, 0).astype(np.uint8)])
+    Image.fromarray(clear, "LA").save(tmp_path / "la.png")
+    missing = np.isnan(read_depth(tmp_path / "la.png").values)
+    assert np.array_equal(missing, grey[..., 0] <= 99)
+
+
+def test_a_png_of_16_bits_in_colour_is_refused(tmp_path):
+    import struct
+    import zlib
+
+    def chunk(kind, data):
+        return (
+            struct.pack(">I", len(data)) + kind + data + struct.pack(">I", zlib.crc32(kind + data))
+        )
+
+    codes = np.repeat(np.arange(48, dtype=">u2").reshape(*SHAPE, 1) + 5900, 3, axis=2)
+    rows = b"".join(b"\0" + row.tobytes() for row in codes)
+    head = struct.pack(">IIBBBBB", 8, 6, 16, 2, 0, 0, 0)
+    (tmp_path / "d.png").write_bytes(
+        b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", head) + chunk(b"IDAT", zlib.compress(rows))
+        + chunk(b"IEND", b"")
+    )  # fmt: skip
+    with pytest.raises(FileError, match=r"16 bits in several channels"):
+        read_depth(tmp_path / "d.png")
+
+
+def test_of_several_layers_the_final_ones_are_read(tmp_path):
+    other = {f"L.AO.{name}": 9 * pixels for name, pixels in COLOR.items()}
+    final = {f"L.Combined.{name}": pixels for name, pixels in COLOR.items()}
+    depths = {"L.Denoising Depth.Z": 2 * DEPTH, "L.Depth.Z": DEPTH, "L.Mist.Z": 3 * DEPTH}
+    path = exr(tmp_path / "c.exr", ("main", {**other, **final, **depths}))
+    assert read_color(path)[0, 0] == pytest.approx([0.1, 0.2, 0.3])
+    assert np.array_equal(read_depth(path).values, DEPTH)
+    with pytest.raises(FileError, match=r"no channel"):
+        read_depth(exr(tmp_path / "m.exr", ("main", {"L.Mist.Z": DEPTH})))
+
+
+def test_linear_codes_of_a_png_are_honoured(tmp_path):
+    from PIL import PngImagePlugin
+
+    info = PngImagePlugin.PngInfo()
+    info.add(b"gAMA", (100000).to_bytes(4, "big"))
+    codes = np.full((*SHAPE, 3), 128, np.uint8)
+    Image.fromarray(codes).save(tmp_path / "c.png", pnginfo=info)
+    # Half the light is sRGB code 188.
+    assert (read_color(tmp_path / "c.png") == 188).all()
+    info = PngImagePlugin.PngInfo()
+    info.add(b"gAMA", (45455).to_bytes(4, "big"))
+    Image.fromarray(codes).save(tmp_path / "c.png", pnginfo=info)
+    assert (read_color(tmp_path / "c.png") == 128).all()
+
+
+def test_a_number_far_from_all_others_is_named(tmp_path):
+    depth = DEPTH.copy()
+    depth[:2] = -1e6
+    np.save(tmp_path / "d.npy", depth)
+    convention = DepthConvention(0.0, near_is_large=True)
+    values = interpret_depth(read_depth(tmp_path / "d.npy"), convention, "d.npy")
+    assert "use --missing -1e+06" in values.warnings[0]

@@ -28,6 +28,8 @@ _LEAST_BACKGROUND, _LARGEST_HALF = 1e9, 65504.0
 _MOST_GREYS = 256
 # Above this share of the pixels, the largest number probably means "no depth".
 _SATURATED_SHARE = 0.01
+# A number is far from all others if it is so many times as far as they are from each other.
+_ISOLATED = 10.0
 # Sample size for statistics: gives quantiles to a thousandth.
 _MOST_SAMPLED = 2**20
 
@@ -111,7 +113,10 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
     if is_distance and not convention.has_range:
         _check_distances(depth, file, convention, name)
     if not convention.missing:
-        warnings += _saturation_warnings(file, name)
+        saturated = _saturation_warnings(file, name)
+        warnings += saturated
+        if not is_distance and not saturated:  # others were checked
+            warnings += _isolated_warnings(depth / scale, name)
     step = scale if file.largest is not None else 0.0
     return DepthValues(depth, convention.near_is_large, unit > 0, step, tuple(warnings))
 
@@ -134,6 +139,22 @@ def _saturation_warnings(file: DepthFile, name: str) -> tuple[str, ...]:
         f"{name}: {share:.1%} of the depths are {file.largest}, the largest possible number; if "
         f"it means no depth, use --missing {file.largest}",
     )
+
+
+def _isolated_warnings(depth: NDArray[np.float32], name: str) -> tuple[str, ...]:
+    """Warn of one number, far from all others, that may stand for no depth."""
+    values = sample(depth).astype(np.float64)
+    for extreme in (values.min(), values.max()):
+        others = values[values != extreme]
+        if not others.size or np.mean(values == extreme) < _SATURATED_SHARE:
+            continue
+        far = np.abs(others - extreme).min()
+        if far > _ISOLATED * float(np.ptp(others)) > 0:
+            return (
+                f"{name}: {np.mean(values == extreme):.1%} of the depths are {extreme:g}, far from "
+                f"all others; if it means no depth, use --missing {extreme:g}",
+            )
+    return ()
 
 
 def _check_distances(

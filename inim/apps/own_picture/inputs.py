@@ -112,10 +112,13 @@ def _read_mesh(args: argparse.Namespace) -> Input:
 
 def _capture(args: argparse.Namespace, scene: Path) -> Input:
     chosen = choices_of(args)
-    rgbd, display, run = generate_from_scene(
+    rgbd, display, run, notes = generate_from_scene(
         scene, chosen.get("display"), chosen["definitions"], algorithm_of(args), debug=args.debug
     )
-    return _of_rgbd(args, display, rgbd)._replace(generated=(run.eia, run.holes))
+    source = _of_rgbd(args, display, rgbd)
+    lines = [f"read       {text}" for text in notes.imports] + source.lines
+    warnings = (*notes.warnings, *source.warnings)
+    return source._replace(lines=lines, warnings=warnings, generated=(run.eia, run.holes))
 
 
 def _of_rgbd(args: argparse.Namespace, display: Display, rgbd: RGBD) -> Input:

@@ -7,6 +7,7 @@ between an object and its background.
 import math
 from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -47,7 +48,7 @@ _PHOTO_CAMERA = "photo"
 
 def is_side(depth: Path | None) -> bool:
     """True if ``--depth`` is a half of the colour picture, and not a file of that name."""
-    return depth is not None and str(depth) in SIDES and not depth.exists()
+    return depth is not None and str(depth).lower() in SIDES and not depth.is_file()
 
 
 def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -> None:
@@ -63,7 +64,7 @@ def check_same_view(color: tuple[int, int], depth: tuple[int, int], name: str) -
     )
 
 
-def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDArray[np.float32]:
+def resample_nearest(depth: NDArray[Any], shape: tuple[int, int]) -> NDArray[Any]:
     """Resample depth to another size, by nearest pixel."""
     if depth.shape == shape:
         return depth
@@ -71,7 +72,7 @@ def resample_nearest(depth: NDArray[np.float32], shape: tuple[int, int]) -> NDAr
         np.minimum(((np.arange(n) + 0.5) * m / n).astype(np.int64), m - 1)
         for n, m in zip(shape, depth.shape, strict=True)
     )
-    nearest: NDArray[np.float32] = depth[np.ix_(rows, columns)]
+    nearest: NDArray[Any] = depth[np.ix_(rows, columns)]
     return nearest
 
 
@@ -148,13 +149,19 @@ class CameraPicture(PictureOptions):
         convention, opaque = self._convention(self.depth), None
         color: np.ndarray
         if is_side(self.depth):
-            color, file = read_side_by_side(self.color, str(self.depth))
+            side = str(self.depth).lower()
+            color, opaque, file = read_side_by_side(self.color, side)
         else:
             color, opaque = read_cutout(self.color)
             file = read_depth(self.depth, swap_bytes=self.swap_bytes)
         rows, columns = color.shape[:2]
         size = file.values.shape
         check_same_view((rows, columns), (size[0], size[1]), str(self.depth))
+        if opaque is not None:  # what is behind transparent pixels must not fill holes
+            is_opaque = resample_nearest(opaque, (size[0], size[1]))
+            if not is_opaque.any():
+                raise FileError(f"{self.path}: all of its pixels are transparent")
+            file = replace(file, values=np.where(is_opaque, file.values, np.float32(np.nan)))
         values = interpret_depth(file, convention, str(self.depth))
         if size != (rows, columns):
             message = (
@@ -228,8 +235,6 @@ class CameraPicture(PictureOptions):
         if opaque is not None:
             depth = np.where(opaque, depth, np.float32(np.nan))
             missing = float(np.isnan(depth).mean())
-            if missing == 1:
-                raise FileError(f"{self.path}: all pixels with a depth are transparent")
         values = replace(values, depth=depth)
         coarseness = max(1.0, columns / size[1])
         depth_size = size[1], size[0]

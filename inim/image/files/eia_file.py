@@ -16,7 +16,7 @@ from inim.display import Display
 from inim.display.pixels import MM_PER_INCH
 from inim.image.color import linear_from_srgb, to_srgb
 from inim.image.files.image import read_exr_channels, write_exr_parts
-from inim.image.files.picture import open_picture
+from inim.image.files.picture import open_picture, png_gamma
 from inim.system.errors import FileError
 from inim.system.files import check_file
 from inim.system.process.atomic_file import write_atomically
@@ -116,22 +116,27 @@ def _read_exr(path: Path, display: Display) -> tuple[np.ndarray, np.ndarray | No
 
 def _linear(picture: Any) -> tuple[np.ndarray, np.ndarray | None]:
     """Decode linear RGB and alpha of an open picture."""
+    gamma = png_gamma(picture)
     if picture.mode in _GREY_16:
-        return _linear_codes(np.asarray(picture)[..., None], 65535), None
+        return _linear_codes(np.asarray(picture)[..., None], 65535, gamma), None
     if "transparency" not in picture.info and "A" not in picture.getbands():
-        return _linear_codes(np.asarray(picture.convert("RGB")), 255), None
+        return _linear_codes(np.asarray(picture.convert("RGB")), 255, gamma), None
     rgba = np.asarray(picture.convert("RGBA"))
     alpha = rgba[..., 3].astype(np.float32) / 255
-    rgb = _linear_codes(rgba[..., :3], 255)
+    rgb = _linear_codes(rgba[..., :3], 255, gamma)
     rgb *= alpha[..., None]
     return rgb, alpha
 
 
-def _linear_codes(codes: np.ndarray, white: int) -> np.ndarray:
-    """Linear RGB, (rows, columns, 3) float32, of grey or colour codes from 0 to `white`."""
+def _linear_codes(codes: np.ndarray, white: int, gamma: float | None) -> np.ndarray:
+    """Linear RGB, (rows, columns, 3) float32, of grey or colour codes from 0 to `white`.
+
+    * `gamma`: exponent of the codes; None: sRGB.
+    """
     linear = np.empty((*codes.shape[:2], 3), np.float32)
     for band in row_bands(*codes.shape[:2]):
-        linear[band] = linear_from_srgb(codes[band].astype(np.float32) / white)
+        share = codes[band].astype(np.float32) / white
+        linear[band] = linear_from_srgb(share) if gamma is None else share ** (1 / gamma)
     return linear
 
 

@@ -205,7 +205,7 @@ def read_exr(path: Path) -> np.ndarray:
 def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """Colours as `read_exr` has them, and their alpha, (H, W) float32, or None."""
     channels = read_exr_channels(path)
-    layers = dict.fromkeys(name.rpartition(".")[0] for name in channels)
+    layers = sorted(dict.fromkeys(name.rpartition(".")[0] for name in channels), key=_is_other)
     for names in ("RGB", "Y"):
         for layer in layers:
             start = f"{layer}." if layer else ""
@@ -216,6 +216,15 @@ def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
                 is_whole = alpha is not None and alpha.shape == arrays[0].shape
                 return np.stack(arrays, axis=-1), alpha if is_whole else None
     raise FileError(f"{path}: no whole channels R, G, B; it has {', '.join(channels)}")
+
+
+# Last parts of the names of layers with the final colours of a renderer.
+_FINAL = {"", "combined", "composite", "rgba", "rgb", "beauty", "color", "colour"}
+
+
+def _is_other(layer: str) -> bool:
+    """True for a layer that need not have the final colours, such as an occlusion."""
+    return layer.rpartition(".")[2].lower() not in _FINAL
 
 
 def read_exr_channels(path: Path) -> dict[str, np.ndarray]:

@@ -94,6 +94,21 @@ def is_exr(path: Path) -> bool:
         return file.read(_HEAD_BYTES).startswith(_EXR_MAGIC)
 
 
+# Exponent of PNGs whose codes are sRGB as far as anybody can see.
+_USUAL_GAMMA, _GAMMA_TOLERANCE = 0.45455, 0.02
+
+
+def png_gamma(picture: Any) -> float | None:
+    """Exponent of the codes of a PNG by its chunk gAMA; None where they are sRGB.
+
+    A colour profile or a chunk sRGB counts more (PNG, third edition, 13.13).
+    """
+    gamma = picture.info.get("gamma")
+    if not gamma or "icc_profile" in picture.info or "srgb" in picture.info:
+        return None
+    return float(gamma) if abs(gamma - _USUAL_GAMMA) > _GAMMA_TOLERANCE else None
+
+
 class _BoundedReads:
     """A file whose reads allocate its size at most: a damaged chunk may claim to have gigabytes."""
 

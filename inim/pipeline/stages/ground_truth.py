@@ -280,8 +280,10 @@ def collect_ground_truth(
             f"{worst}: {clipped[worst]:.1%} of the pixels are brighter than the panel's white and "
             "clipped; dim the scene's lights"
         )
-    warnings += black_warnings(finite_views, {name: relic for name, (_, relic) in views.items()})
     is_rendered = isinstance(capture.camera, DepthCamera)
+    if is_rendered:
+        relics = {name: relic for name, (_, relic) in views.items()}
+        warnings += black_warnings(finite_views, relics)
     needs_viewing = any(metric.needs_viewing for metric in all_metrics())
     return GroundTruth(
         capture.camera.display,

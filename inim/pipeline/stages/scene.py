@@ -113,6 +113,7 @@ def describe_scene(scene: Scene) -> dict[str, Any]:
         "shapes": scene.fitted.shapes,
         "left_out": list(scene.fitted.left_out),
         "imports": list(scene.fitted.imports),
+        "warnings": list(scene.fitted.warnings),
         **splats,
         "fit": {
             "scale_xy": fit.scale_xy,

@@ -103,11 +103,11 @@ def read_obj(
         corners, counts, names = _corners(content.faces, sizes)
     except ValueError as error:
         raise FileError(f"{path}: not a readable obj mesh ({error}); export it again") from error
-    tables = _Tables(vertices, colors, uv, normals)
+    tables = _Rows(vertices, colors, uv, normals)
     triangles, polygon = triangulate(vertices[corners[:, 0]], counts)
     if not len(triangles):
-        what = ", ".join(content.unread) or ("points" if len(vertices) else "nothing")
-        raise FileError(f"{path}: holds no faces ({what}); inim needs a triangle mesh")
+        others = ", ".join(content.unread) or ("points" if len(vertices) else "nothing")
+        raise FileError(f"{path}: holds no faces ({others}); inim needs a triangle mesh")
     if content.unread:
         unread = [f"{n} {name}" for name, n in content.unread.items()]
         warn(f"{path}: not read: {', '.join(unread)}; only faces are shown")
@@ -144,7 +144,7 @@ def read_obj(
     return meshes
 
 
-class _Tables(NamedTuple):
+class _Rows(NamedTuple):
     """Vertices (n, 3), their colours, texture coordinates and normals; None without any."""
 
     vertices: np.ndarray
@@ -154,7 +154,7 @@ class _Tables(NamedTuple):
 
 
 def _mesh(
-    corners: np.ndarray, tables: _Tables, material: _Material, texture: np.ndarray | None
+    corners: np.ndarray, tables: _Rows, material: _Material, texture: np.ndarray | None
 ) -> Mesh:
     """Mesh of corners, (3 n, 3): vertex, coordinates and normal, -1 without one."""
     if tables.uv is None:
@@ -309,11 +309,11 @@ def _libraries(
     unread: dict[str, None] = {}
     clear: dict[str, None] = {}
     for line in dict.fromkeys(lines):
-        known = dict(companions.lacking)
+        lacking = dict(companions.lacking)
         data = companions.read(line)
         names = [line]
         if data is None:  # several names, not one with spaces
-            companions.lacking, names = known, _library_names(line)
+            companions.lacking, names = lacking, _library_names(line)
         for name in names:
             text = companions.read(name)
             if text is None:

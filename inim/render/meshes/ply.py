@@ -266,10 +266,10 @@ def columns_of(data: bytes, header: PlyHeader) -> dict[str, _Columns] | None:
         return None
     tables, start = {}, 0
     for element in header.elements:
-        read = _text_records if is_text else _binary_records
+        read_records = _text_records if is_text else _binary_records
         if element.count > len(body):  # a record takes a number at least
             return None
-        result = read(body, start, element, header.order)
+        result = read_records(body, start, element, header.order)
         if result is None:
             return None
         tables[element.name], start = result
@@ -327,7 +327,7 @@ def _column(own: PlyProperty, values: np.ndarray) -> Any:
 
 
 def _walk_text(numbers: np.ndarray, start: int, element: PlyElement) -> tuple[_Columns, int] | None:
-    """As `_text_records`, one record after the other: lists have different lengths."""
+    """Columns of an element of a text whose lists have different lengths; see `_text_records`."""
     places: dict[str, list[int]] = {own.name: [] for own in element.properties}
     counts: dict[str, list[int]] = {own.name: [] for own in element.lists}
     for _ in range(element.count):
@@ -391,7 +391,7 @@ def _binary_records(
 def _walk_binary(
     body: memoryview, start: int, element: PlyElement, order: str
 ) -> tuple[_Columns, int] | None:
-    """As `_binary_records`, one record after the other: lists have different lengths."""
+    """Columns of a binary element whose lists have different lengths; see `_binary_records`."""
     places: dict[str, list[int]] = {own.name: [] for own in element.properties}
     counts: dict[str, list[int]] = {own.name: [] for own in element.lists}
     sizes = {own.name: np.dtype(own.type).itemsize for own in element.properties}
