@@ -244,3 +244,12 @@ def test_a_number_far_from_all_others_is_named(tmp_path):
     convention = DepthConvention(0.0, near_is_large=True)
     values = interpret_depth(read_depth(tmp_path / "d.npy"), convention, "d.npy")
     assert "use --missing -1e+06" in values.warnings[0]
+
+
+def test_luminance_and_chroma_of_an_exr_are_colours(tmp_path):
+    red, green, blue = 0.5, 0.25, 0.125
+    y = 0.2126 * red + 0.7152 * green + 0.0722 * blue
+    numbers = {"Y": y, "RY": red / y - 1, "BY": blue / y - 1}
+    channels = {name: np.full(SHAPE, number, np.float32) for name, number in numbers.items()}
+    path = exr(tmp_path / "yc.exr", ("main", channels))
+    assert read_color(path)[3, 5] == pytest.approx([red, green, blue], rel=1e-5)

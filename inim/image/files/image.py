@@ -213,9 +213,31 @@ def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
             arrays = [array for array in own if array is not None]
             if len(arrays) == len(names) and len({array.shape for array in arrays}) == 1:
                 alpha = channels.get(f"{start}A")
+                chroma = [channels.get(start + name) for name in ("RY", "BY")]
+                if names == "Y" and chroma[0] is not None and chroma[1] is not None:
+                    arrays = _color_of_chroma(arrays[0], chroma[0], chroma[1])
                 is_whole = alpha is not None and alpha.shape == arrays[0].shape
                 return np.stack(arrays, axis=-1), alpha if is_whole else None
     raise FileError(f"{path}: no whole channels R, G, B; it has {', '.join(channels)}")
+
+
+# Shares of red, green and blue in luminance, Rec. 709.
+_LUMINANCE = (0.2126, 0.7152, 0.0722)
+
+
+def _color_of_chroma(y: np.ndarray, ry: np.ndarray, by: np.ndarray) -> list[np.ndarray]:
+    """Red, green and blue of luminance Y and chroma, ``RY = R / Y - 1``, stored in fewer pixels.
+
+    "Technical Introduction to OpenEXR", section "Luminance/Chroma Images".
+    """
+    rows, columns = y.shape
+    ratios = []
+    for chroma in (ry, by):
+        down, right = -(-rows // chroma.shape[0]), -(-columns // chroma.shape[1])
+        ratios.append(chroma.repeat(down, axis=0).repeat(right, axis=1)[:rows, :columns] + 1)
+    red, blue = ratios[0] * y, ratios[1] * y
+    green = (y - _LUMINANCE[0] * red - _LUMINANCE[2] * blue) / np.float32(_LUMINANCE[1])
+    return [red, green.astype(np.float32), blue]
 
 
 # Last parts of the names of layers with the final colours of a renderer.
@@ -289,6 +311,9 @@ def _read_parts(path: Path) -> list[tuple[dict[str, np.ndarray], dict[str, Any]]
 
             name = utf8_name(path)
             header = OpenEXR.File(name, header_only=True)
+            deep = (OpenEXR.deepscanline, OpenEXR.deeptile)
+            if any(part.header.get("type") in deep for part in header.parts):
+                raise FileError(f"{path}: has several depths per pixel (deep); flatten it")
             check_unfolding(path, sum(_check_size(path, part.header) for part in header.parts))
             # Separate channels: packed "RGB" arrays would scramble A and Z in odd files.
             parts = OpenEXR.File(name, separate_channels=True).parts
