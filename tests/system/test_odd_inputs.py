@@ -95,8 +95,11 @@ def test_a_shape_that_the_renderer_cannot_resolve_is_refused(command, move, tmp_
     shape = f'<shape type="rectangle"><transform name="to_world">{move}</transform></shape>'
     beside = "" if "scale" in move else sphere((0, 0, 0), 1)
     scene.write_text(scene_text(shape, beside))
+    # By default, a shape far away is left out.
+    chosen = ["-D", "inim.relic=rectangle,sphere"] if beside else []
     with worker_here():
-        assert str(scene) in refused(capsys, command, scene, *TINY, "-o", tmp_path / "out.png")
+        words = [command, scene, *TINY, *chosen, "-o", tmp_path / "out.png"]
+        assert str(scene) in refused(capsys, *words)
 
 
 @pytest.mark.parametrize("algorithm", algorithm_names())

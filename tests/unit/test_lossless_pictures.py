@@ -252,4 +252,13 @@ def test_luminance_and_chroma_of_an_exr_are_colours(tmp_path):
     numbers = {"Y": y, "RY": red / y - 1, "BY": blue / y - 1}
     channels = {name: np.full(SHAPE, number, np.float32) for name, number in numbers.items()}
     path = exr(tmp_path / "yc.exr", ("main", channels))
-    assert read_color(path)[3, 5] == pytest.approx([red, green, blue], rel=1e-5)
+    assert read_color(path)[3, 5] == pytest.approx([red, green, blue], rel=1e-3)
+
+
+def test_other_primaries_become_those_of_rec_709(tmp_path):
+    # CIE XYZ of Rec. 709's red, of luminance 0.2126 (IEC 61966-2-1).
+    xyz = dict(zip("RGB", (0.4124, 0.2126, 0.0193), strict=True))
+    channels = {name: np.full(SHAPE, number, np.float32) for name, number in xyz.items()}
+    header = {"chromaticities": (1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 1 / 3, 1 / 3)}
+    OpenEXR.File(header, channels).write(str(tmp_path / "xyz.exr"))
+    assert read_color(tmp_path / "xyz.exr")[0, 0] == pytest.approx([1, 0, 0], abs=1e-3)

@@ -4,7 +4,7 @@ import contextlib
 import io
 import os
 import threading
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -204,7 +204,9 @@ def read_exr(path: Path) -> np.ndarray:
 
 def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
     """Colours as `read_exr` has them, and their alpha, (H, W) float32, or None."""
-    channels = read_exr_channels(path)
+    parts = _read_parts(path)
+    channels = _all_channels(parts)
+    to_xyz = _xyz_of_header(parts[0][1])
     layers = sorted(dict.fromkeys(name.rpartition(".")[0] for name in channels), key=_is_other)
     for names in ("RGB", "Y"):
         for layer in layers:
@@ -215,18 +217,50 @@ def read_exr_color(path: Path) -> tuple[np.ndarray, np.ndarray | None]:
                 alpha = channels.get(f"{start}A")
                 chroma = [channels.get(start + name) for name in ("RY", "BY")]
                 if names == "Y" and chroma[0] is not None and chroma[1] is not None:
-                    arrays = _color_of_chroma(arrays[0], chroma[0], chroma[1])
+                    arrays = _color_of_chroma(arrays[0], chroma[0], chroma[1], to_xyz[1])
                 is_whole = alpha is not None and alpha.shape == arrays[0].shape
-                return np.stack(arrays, axis=-1), alpha if is_whole else None
+                color = np.stack(arrays, axis=-1)
+                if len(arrays) == 3 and not np.allclose(to_xyz, _XYZ_OF_709, atol=1e-3):
+                    to_709 = np.linalg.solve(_XYZ_OF_709, to_xyz).astype(np.float32)
+                    color = color @ to_709.T
+                return color, alpha if is_whole else None
     raise FileError(f"{path}: no whole channels R, G, B; it has {', '.join(channels)}")
 
 
-# Shares of red, green and blue in luminance, Rec. 709.
-_LUMINANCE = (0.2126, 0.7152, 0.0722)
+# Primaries and white of Rec. 709, x and y each.
+_REC_709 = (0.64, 0.33, 0.30, 0.60, 0.15, 0.06, 0.3127, 0.3290)
 
 
-def _color_of_chroma(y: np.ndarray, ry: np.ndarray, by: np.ndarray) -> list[np.ndarray]:
+def _xyz_of(chromaticities: Sequence[float] | np.ndarray) -> np.ndarray:
+    """Matrix (3, 3) from light of some primaries to CIE XYZ; SMPTE RP 177."""
+    x, y = np.array(chromaticities, np.float64).reshape(4, 2).T
+    columns = np.stack([x, y, 1 - x - y])
+    white = columns[:, 3] / y[3]
+    matrix: np.ndarray = columns[:, :3] * np.linalg.solve(columns[:, :3], white)
+    return matrix
+
+
+_XYZ_OF_709 = _xyz_of(_REC_709)
+
+
+def _xyz_of_header(header: Mapping[str, Any]) -> np.ndarray:
+    """Matrix to CIE XYZ of the primaries that a header states; by default those of Rec. 709."""
+    stated = header.get("chromaticities")
+    numbers = np.ravel(stated) if stated is not None else np.empty(0)
+    if numbers.shape != (8,) or not np.isfinite(numbers).all() or not numbers[7]:
+        return _XYZ_OF_709
+    try:
+        return _xyz_of(numbers)
+    except np.linalg.LinAlgError:
+        return _XYZ_OF_709
+
+
+def _color_of_chroma(
+    y: np.ndarray, ry: np.ndarray, by: np.ndarray, luminance: np.ndarray
+) -> list[np.ndarray]:
     """Red, green and blue of luminance Y and chroma, ``RY = R / Y - 1``, stored in fewer pixels.
+
+    * `luminance`, (3,): shares of red, green and blue in Y.
 
     "Technical Introduction to OpenEXR", section "Luminance/Chroma Images".
     """
@@ -236,8 +270,10 @@ def _color_of_chroma(y: np.ndarray, ry: np.ndarray, by: np.ndarray) -> list[np.n
         down, right = -(-rows // chroma.shape[0]), -(-columns // chroma.shape[1])
         ratios.append(chroma.repeat(down, axis=0).repeat(right, axis=1)[:rows, :columns] + 1)
     red, blue = ratios[0] * y, ratios[1] * y
-    green = (y - _LUMINANCE[0] * red - _LUMINANCE[2] * blue) / np.float32(_LUMINANCE[1])
-    return [red, green.astype(np.float32), blue]
+    shares = luminance.astype(np.float32)
+    if not shares[1]:
+        return [red, y, blue]
+    return [red, (y - shares[0] * red - shares[2] * blue) / shares[1], blue]
 
 
 # Last parts of the names of layers with the final colours of a renderer.
@@ -256,8 +292,14 @@ def read_exr_channels(path: Path) -> dict[str, np.ndarray]:
 
     Raises `FileError`: missing, damaged or too large.
     """
+    return _all_channels(_read_parts(path))
+
+
+def _all_channels(
+    parts: Sequence[tuple[dict[str, np.ndarray], dict[str, Any]]],
+) -> dict[str, np.ndarray]:
     channels: dict[str, np.ndarray] = {}
-    for number, (own, header) in enumerate(_read_parts(path)):
+    for number, (own, header) in enumerate(parts):
         part = str(header.get("name") or f"part{number}")
         for name, pixels in own.items():
             is_full = number == 0 or name.startswith(f"{part}.")

@@ -120,7 +120,7 @@ def read_obj(
         used = list(dict.fromkeys(of_triangle.tolist()))
         groups = {name: triangles[of_triangle == name] for name in used}
         unknown = [name for name in used if name and name.lower() not in library]
-        if unknown:
+        if unknown and not companions.lacking:
             warn(f"{path}: materials {', '.join(unknown)} are not defined; they have no colour")
     meshes = []
     for name, own in groups.items():

@@ -1,0 +1,1 @@
+"""Public files, with expectations from other programs."""
