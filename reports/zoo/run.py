@@ -1,9 +1,9 @@
 """Read public files, and compare with what other programs find in them.
 
 ``python -m reports.zoo.run FOLDER`` reads the files of ``reports/zoo/zoo.json`` and writes
-``reports/zoo/zoo.md``. FOLDER is filled as `reports.zoo.expect` describes; none of the files is part
-of the project. A file is *right* if its size or the mean of its colours is that of the expectation,
-or if it is refused as expected.
+``reports/zoo/zoo.md``. FOLDER is filled as `reports.zoo.expect` describes; the project has none of
+the files. A file is *right* if its size or the mean of its colours is that of the expectation, or
+if it is refused as expected.
 """
 
 import hashlib
