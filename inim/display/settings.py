@@ -87,7 +87,7 @@ class Settings(_Stated):
     #: the same at all turns (none: not turned)
     turn_deg: float | None = None
     #: shapes that form the relic, by their ids or the names of their files, separated by commas;
-    #: the others are left out (all but those far larger than what the scene's camera looks at)
+    #: the others are left out (all, or what the scene's camera shows if that is far smaller)
     relic: str = ""
     lens_model: str = "thick"  #: lens model of the reconstruction: pinhole, thin, thick or full
     #: algorithms to score, separated by commas (lenticulars: template)

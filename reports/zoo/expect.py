@@ -1,6 +1,6 @@
 """Expectations for public files, from other programs than inim.
 
-``python -m reports.zoo.expect FOLDER`` writes ``reports/zoo/zoo.json``. FOLDER has a folder for
+``python -m reports.zoo.expect FOLDER`` writes ``reports/zoo/zoo.jsonl``. FOLDER has a folder for
 each repository of `REPOSITORIES`, ``OWNER+NAME``, with a checkout of the given commit. Sizes of
 meshes are those of ``assimp info`` (assimp), of glTF those of the sum over its nodes below. Means
 of colours are those of ``oiiotool --stats`` (OpenImageIO). `BY_HAND` has the files that these
@@ -186,9 +186,8 @@ def main(words: list[str]) -> int:
                 entry = {"repository": repository, "commit": commit}
                 entry |= {"path": str(path.relative_to(root)), "sha256": digest}
                 entries.append({**entry, "expected": expectation(path)})
-    out = Path(__file__).with_name("zoo.json")
-    lines = ",\n".join(json.dumps(entry) for entry in entries)
-    out.write_text(f"[\n{lines}\n]\n", "utf-8")
+    out = Path(__file__).with_name("zoo.jsonl")
+    out.write_text("".join(f"{json.dumps(entry)}\n" for entry in entries), "utf-8")
     print(f"{out}: {len(entries)} files")
     return 0
 

@@ -1,6 +1,6 @@
 """Read public files, and compare with what other programs find in them.
 
-``python -m reports.zoo.run FOLDER`` reads the files of ``reports/zoo/zoo.json`` and writes
+``python -m reports.zoo.run FOLDER`` reads the files of ``reports/zoo/zoo.jsonl`` and writes
 ``reports/zoo/zoo.md``. FOLDER is filled as `reports.zoo.expect` describes; the project has none of
 the files. A file is *right* if its size or the mean of its colours is that of the expectation, or
 if it is refused as expected.
@@ -22,7 +22,7 @@ from inim.render.meshes.triangle_mesh import read_bytes
 from inim.report.summary import markdown_section
 from inim.system.errors import FileError
 
-ZOO = Path(__file__).with_name("zoo.json")
+ZOO = Path(__file__).with_name("zoo.jsonl")
 RIGHT, WARNED, REFUSED, WRONG, CRASHED = (
     "read and right", "read and right, with a warning", "refused with the reason", "wrong",
     "internal error",
@@ -67,7 +67,7 @@ def _numbers(path: Path, heard: list[str]) -> list[float]:
 def check_folder(folder: Path) -> list[list[str]]:
     """Rows of the files that a folder has: verdict, file, what was read or said; worst first."""
     rows = []
-    for entry in json.loads(ZOO.read_text("utf-8")):
+    for entry in map(json.loads, ZOO.read_text("utf-8").splitlines()):
         path = folder / entry["repository"].replace("/", "+") / entry["path"]
         if path.is_file() and hashlib.sha256(path.read_bytes()).hexdigest() == entry["sha256"]:
             verdict, text = result_of(path, entry["expected"])

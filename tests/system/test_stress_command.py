@@ -28,7 +28,7 @@ FILES = {"growth.png", "growth.svg", "stress.html", "stress.json", "stress.md"}
 
 
 def run(module: str, *words: object, folder: Path):
-    return run_child([sys.executable, "-m", module, *map(str, words)], timeout=600, cwd=folder)
+    return run_child([sys.executable, "-m", module, *map(str, words)], timeout=1800, cwd=folder)
 
 
 def run_stress(*words: object, folder: Path):
