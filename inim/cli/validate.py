@@ -5,7 +5,7 @@ import shlex
 import sys
 from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from inim.pipeline.options import (
     Command,
@@ -179,9 +179,13 @@ def _check_encoding(args: argparse.Namespace) -> None:
 
 def _validate(args: argparse.Namespace) -> int:
     from inim.pipeline.launch import scene_and_out, validate_in_worker
+    from inim.render.meshes.triangle_mesh import MESH_SUFFIXES
 
-    axes = {name: axis for name in ("up", "front") if (axis := getattr(args, name, None))}
-    args.scene, args.out = scene_and_out(args.scene, args.out, axes or None, print_warning)
+    axes = {name: getattr(args, name, None) for name in ("up", "front")}
+    options: dict[str, Any] = {name: axis for name, axis in axes.items() if axis}
+    if args.scene.suffix.lower() in MESH_SUFFIXES and not args.quiet:
+        options["say"] = print_lines
+    args.scene, args.out = scene_and_out(args.scene, args.out, options or None, print_warning)
     passed = validate_in_worker(
         lambda: request_of(args),
         args.scene,

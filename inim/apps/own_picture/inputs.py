@@ -106,8 +106,11 @@ def _read_mesh(args: argparse.Namespace) -> Input:
     axes = {"up": args.up, "front": args.front}
     with temporary_folder(Path(tempfile.gettempdir()), "inim-mesh-") as folder:
         scene = folder / f"{args.input.stem}.xml"
-        new_scene(args.input, scene, unit=ANY_UNIT, **axes, warn=print_warning)
-        return _capture(args, scene)
+        lines: list[str] = []
+        choices = {"unit": ANY_UNIT, **axes}
+        new_scene(args.input, scene, **choices, warn=print_warning, say=lines.append)
+        source = _capture(args, scene)
+        return source._replace(lines=[*lines, *source.lines])
 
 
 def _capture(args: argparse.Namespace, scene: Path) -> Input:

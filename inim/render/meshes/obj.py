@@ -26,6 +26,9 @@ _NOT_FACES = {b"l": "lines", b"p": "sets of points", b"curv": "curves", b"curv2"
 _OPTIONS = {"-mm": 2, "-o": None, "-s": None, "-t": None}
 _MAPS = ("map_", "bump", "disp", "decal", "refl", "norm")
 _OPAQUE = 0.5
+# Combinations of indices are counted in 64 bits.
+_MOST_INDEX = 2**40
+_MOST_KEY = 2.0**62
 
 
 @dataclass
@@ -161,7 +164,10 @@ def _mesh(
         corners = corners * (1, 0, 1) - (0, 1, 0)
     # One number for each combination: sorting rows takes ten times as long.
     sizes = corners.max(axis=0) + 2
-    key = ((corners[:, 0] * sizes[1]) + corners[:, 1] + 1) * sizes[2] + corners[:, 2] + 1
+    key = corners[:, 0] * sizes[1] + corners[:, 1] + 1
+    if float(sizes[0]) * float(sizes[1]) * float(sizes[2]) > _MOST_KEY:
+        key = np.unique(key, return_inverse=True)[1].reshape(-1)
+    key = key * sizes[2] + corners[:, 2] + 1
     _, first, index = np.unique(key, return_index=True, return_inverse=True)
     place, at, towards = corners[first].T
     uv = normals = color = None
@@ -249,7 +255,7 @@ def _equal_corners(text: bytes) -> np.ndarray | None:
     for pattern, axes in _FORMS:
         if pattern.fullmatch(text):
             numbers = parse_numbers(text.replace(b"/", b" "))
-            if numbers is None:
+            if numbers is None or numbers.max(initial=0) >= _MOST_INDEX:
                 return None
             corners = np.full((len(numbers) // len(axes), 3), -1, np.int64)
             corners[:, axes] = numbers.reshape(-1, len(axes)).astype(np.int64) - 1
@@ -271,6 +277,8 @@ def _corner(word: bytes, before: Sequence[int]) -> tuple[int, ...]:
 def _index(text: bytes, count: int) -> int:
     """Index from 0, of a text that counts from 1, or back from the line that it is in."""
     index = int(text)
+    if abs(index) >= _MOST_INDEX:
+        raise ValueError(f"a face has the index {index:.3g}")
     if index == 0:
         raise ValueError("a face has the index 0, but OBJ counts from 1")
     if index > 0:

@@ -41,11 +41,11 @@ def read_off(path: Path, data: bytes, warn: Callable[[str], object]) -> Mesh:
         corners = [int(w) for words in polygons for w in words[1 : 1 + int(words[0])]]
         after = [words[1 + int(words[0]) :] for words in polygons]
         of_faces = _colors(after)
-    except ValueError as error:
+        indices = np.array(corners, np.int64)
+    except (ValueError, OverflowError) as error:
         raise FileError(f"{path}: not a readable off mesh ({error}); export it again") from error
     if len(corners) < counts.sum():
         raise FileError(f"{path}: a face has fewer corners than it declares; export it again")
-    indices = np.array(corners, np.int64)
     check_indices(path, indices, len(vertices))
     triangles, polygon = triangulate(vertices[indices], counts)
     faces = indices[triangles]

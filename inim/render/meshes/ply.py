@@ -24,6 +24,8 @@ from inim.system.errors import FileError
 from inim.system.process.atomic_file import write_atomically
 
 _HEADER_BYTES = 2**20
+# Largest whole numbers that all fit in float64.
+_MOST_CORNER = 2**53
 # Items of one list.
 _MOST_ITEMS = 2**16
 _END = b"\nend_header"
@@ -434,6 +436,8 @@ def _geometry(
     corners = own.items
     if corners.dtype.kind == "f" and (corners != np.floor(corners)).any():
         raise FileError(f"{path}: face indices are not whole numbers; export it again")
+    if corners.dtype.kind == "f" and (np.abs(corners) > _MOST_CORNER).any():
+        raise FileError(f"{path}: a face refers to vertex {corners.max():.3g}; export it again")
     vertices = np.stack([vertex[name] for name in "xyz"], axis=1)
     kind = np.float64 if vertices.dtype.itemsize > 4 else np.float32
     corners = corners.astype(np.int64)
