@@ -110,7 +110,10 @@ def _read_mesh(args: argparse.Namespace) -> Input:
         choices = {"unit": ANY_UNIT, **axes}
         new_scene(args.input, scene, **choices, warn=print_warning, say=lines.append)
         source = _capture(args, scene)
-        return source._replace(lines=[*lines, *source.lines])
+        # The account is that of the mesh, not of the scene's files.
+        account = [f"read       {line.removeprefix('read ')}" for line in lines]
+        own = [line for line in source.lines if not line.startswith("read ")]
+        return source._replace(lines=[*account, *own])
 
 
 def _capture(args: argparse.Namespace, scene: Path) -> Input:
