@@ -342,6 +342,13 @@ def test_sparse_accessors_and_fans_are_read(tmp_path):
     (tmp_path / "s.gltf").write_text(json.dumps(tree))
     (mesh,) = read_mesh(tmp_path / "s.gltf", pytest.fail)
     assert mesh.vertices.max(axis=0).tolist() == [1, 2, 30]
+    # The same places and bytes as indices: the fourth index becomes 3.
+    sparse = tree["accessors"][0].pop("sparse")
+    sparse["values"], sparse["indices"]["bufferView"] = {"bufferView": 4}, 4
+    tree["accessors"][1]["sparse"] = sparse
+    (tmp_path / "i.gltf").write_text(json.dumps(tree))
+    (mesh,) = read_mesh(tmp_path / "i.gltf", pytest.fail)
+    assert np.array_equal(mesh.vertices[mesh.faces[1]], CORNERS[[3, 1, 3]])
     tree = json.loads(gltf())
     primitive = tree["meshes"][0]["primitives"][0]
     primitive["mode"] = 6

@@ -5,7 +5,6 @@ and other sets of them become what trimesh reads: floating-point numbers in `TEX
 (EXT_mesh_gpu_instancing) become nodes. A black surface that shines has the colour of its light.
 """
 
-import base64
 import json
 import math
 import shlex
@@ -17,6 +16,7 @@ from typing import Any
 import numpy as np
 from trimesh.exchange.gltf.extensions import register_handler
 
+from inim.render.meshes.gltf_accessors import Accessors
 from inim.system.errors import FileError
 
 # Not of the standard: it calls `_decode` for a primitive.
@@ -37,7 +37,6 @@ _CONVERTED = {
     "KHR_meshopt_compression": "copy",
     "KHR_texture_basisu": "ktxdecompress",
 }
-_TYPES = {5120: "i1", 5121: "u1", 5122: "i2", 5123: "u2", 5125: "u4", 5126: "f4"}
 _MOST_INSTANCES = 100_000
 _TRIANGLES, _STRIP, _FAN = 4, 5, 6
 _GLB_MAGIC = b"glTF"
@@ -67,12 +66,10 @@ def prepare_gltf(
         warn(f"{path}: not read: {', '.join(lost)}; the relic goes without")
     changes += [_show_diffuse(material) for material in header.get("materials", [])]
     changes += [_show_emission(material) for material in header.get("materials", [])]
-    binary = data[end + 8 :]  # the header of the second chunk has 8 bytes
-    changes += [
-        _place_instances(header, node, binary, read_companion)
-        for node in [*header.get("nodes", [])]
-    ]
-    changes += [_mark(header, primitive, binary, read_companion) for primitive in primitives]
+    # The header of the second chunk has 8 bytes.
+    accessors = Accessors(header, data[end + 8 :], read_companion)
+    changes += [_place_instances(node, accessors) for node in [*header.get("nodes", [])]]
+    changes += [_mark(primitive, accessors) for primitive in primitives]
     if not any(changes):
         return data
     text = json.dumps(header).encode()
@@ -200,84 +197,24 @@ def _show_emission(material: dict[str, Any]) -> bool:
     return True
 
 
-def _place_instances(
-    header: dict[str, Any],
-    node: dict[str, Any],
-    binary: bytes,
-    read_companion: Callable[[str], bytes],
-) -> bool:
+def _place_instances(node: dict[str, Any], accessors: Accessors) -> bool:
     """Give a node a child for each instance of its mesh; True if it has instances."""
     extension = node.get("extensions", {}).pop(_INSTANCES, None)
     attributes = {} if extension is None else extension["attributes"]
     if not attributes or "mesh" not in node:
         return False
+    header = accessors.header
     keys = [key for key in ("TRANSLATION", "ROTATION", "SCALE") if key in attributes]
     count = header["accessors"][next(iter(attributes.values()))]["count"]
     if count > _MOST_INSTANCES:
         raise ValueError(f"{count} instances of one mesh")
-    columns = [_numbers(header, attributes[key], binary, read_companion) for key in keys]
+    columns = [accessors.numbers(attributes[key]) for key in keys]
     mesh, first = node.pop("mesh"), len(header["nodes"])
     for number in range(count):
         place = {k.lower(): c[number].tolist() for k, c in zip(keys, columns, strict=True)}
         header["nodes"].append({"mesh": mesh, **place})
     node["children"] = [*node.get("children", []), *range(first, first + count)]
     return True
-
-
-def _substitutions(
-    header: dict[str, Any], index: int, binary: bytes, read_companion: Callable[[str], bytes]
-) -> tuple[np.ndarray, np.ndarray]:
-    """Places and values that a sparse accessor replaces, (n, 1) and (n, width)."""
-    accessor = header["accessors"][index]
-    sparse = accessor["sparse"]
-    shared = {"count": sparse["count"]}
-    places = {"type": "SCALAR", **shared, **sparse["indices"]}
-    values = {**{k: accessor[k] for k in ("type", "componentType")}, **shared, **sparse["values"]}
-    source = header, binary, read_companion
-    return _numbers_of(places, *source), _numbers_of(values, *source)
-
-
-def _numbers(
-    header: dict[str, Any], index: int, binary: bytes, read_companion: Callable[[str], bytes]
-) -> np.ndarray:
-    """Numbers of an accessor of vectors, (count, width) float64; whole ones as shares of one."""
-    accessor = header["accessors"][index]
-    numbers = np.array(_numbers_of(accessor, header, binary, read_companion))
-    if "sparse" in accessor:
-        places, values = _substitutions(header, index, binary, read_companion)
-        numbers[places.ravel().astype(int)] = values
-    if numbers.dtype.kind == "f":
-        return numbers.astype(np.float64)
-    return np.maximum(numbers / np.iinfo(numbers.dtype).max, -1)
-
-
-def _numbers_of(
-    accessor: dict[str, Any],
-    header: dict[str, Any],
-    binary: bytes,
-    read_companion: Callable[[str], bytes],
-) -> np.ndarray:
-    """Stored numbers of an accessor, (count, width)."""
-    kind = np.dtype("<" + _TYPES[accessor["componentType"]])
-    width = 1 if accessor["type"] == "SCALAR" else int(accessor["type"][-1])
-    if "bufferView" not in accessor:
-        return np.zeros((accessor["count"], width), kind)
-    view = header["bufferViews"][accessor["bufferView"]]
-    uri = header["buffers"][view["buffer"]].get("uri")
-    if uri is None:
-        source = binary
-    else:
-        source = (
-            base64.b64decode(uri.partition(",")[2])
-            if uri.startswith("data:")
-            else read_companion(uri)
-        )
-    start = view.get("byteOffset", 0) + accessor.get("byteOffset", 0)
-    stride = view.get("byteStride", width * kind.itemsize)
-    count = accessor["count"]
-    if start + (count - 1) * stride + width * kind.itemsize > len(source):
-        raise ValueError("an accessor is beyond the end of its buffer")
-    return np.ndarray((count, width), kind, source, start, (stride, kind.itemsize))
 
 
 def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], size: int) -> None:
@@ -296,23 +233,18 @@ def _check_accessors(header: dict[str, Any], primitives: list[dict[str, Any]], s
         raise ValueError(f"declares {zeros} items without data")
 
 
-def _mark(
-    header: dict[str, Any],
-    primitive: dict[str, Any],
-    binary: bytes,
-    read_companion: Callable[[str], bytes],
-) -> bool:
+def _mark(primitive: dict[str, Any], accessors: Accessors) -> bool:
     """Note how a primitive's attributes are decoded, where that is more than reading numbers.
 
     Returns True if something was noted.
     """
-    attributes = primitive["attributes"]
+    header, attributes = accessors.header, primitive["attributes"]
+    names = {**attributes, "indices": primitive.get("indices")}
     sparse = {
-        name: [part.tolist() for part in _substitutions(header, index, binary, read_companion)]
-        for name, index in attributes.items()
-        if "sparse" in header["accessors"][index]
+        name: [part.tolist() for part in accessors.substitutions(index)]
+        for name, index in names.items()
+        if accessors.is_sparse(index)
     }
-    is_fan = primitive.get("mode") == _FAN
     texture = _base_color_texture(header, primitive)
     transform = texture.get("extensions", {}).get(_TRANSFORM, {})
     coordinates = f"TEXCOORD_{transform.get('texCoord', texture.get('texCoord', 0))}"
@@ -322,10 +254,14 @@ def _mark(
     normalized = [
         name for name, index in attributes.items() if header["accessors"][index].get("normalized")
     ]
-    is_decoded = bool(normalized or transform or sparse or is_fan)
+    decoding = {
+        "normalized": normalized,
+        "transform": transform,
+        "sparse": sparse,
+        "fan": primitive.get("mode") == _FAN,
+    }
+    is_decoded = any(decoding.values())
     if is_decoded:
-        decoding = {"normalized": normalized, "transform": transform, "sparse": sparse}
-        decoding["fan"] = is_fan
         primitive.setdefault("extensions", {})[_DECODED] = decoding
     return is_decoded or is_another_set
 
@@ -346,15 +282,16 @@ def _decode(context: Any) -> None:
     """Replace a primitive's accessors by decoded copies; others may share the originals."""
     accessors, attributes = context["accessors"], context["primitive"]["attributes"]
     decoding = context["data"]
+    primitive = context["primitive"]
     for name, (places, values) in decoding["sparse"].items():
-        numbers = np.array(accessors[attributes[name]])
-        numbers[np.ravel(places).astype(int)] = values
-        _replace(accessors, attributes, name, numbers)
+        owner = primitive if name == "indices" else attributes
+        numbers = np.array(accessors[owner[name]])
+        numbers[places] = np.reshape(values, (len(places), *numbers.shape[1:]))
+        _replace(accessors, owner, name, numbers)
     if decoding["fan"]:
-        primitive = context["primitive"]
         count = len(accessors[attributes["POSITION"]])
-        corners = np.ravel(accessors[primitive["indices"]] if "indices" in primitive
-                           else np.arange(count))  # fmt: skip
+        index = primitive.get("indices")
+        corners = np.ravel(np.arange(count) if index is None else accessors[index])
         triangles = np.stack([np.full(len(corners) - 2, corners[0]), corners[1:-1], corners[2:]])
         _replace(accessors, primitive, "indices", triangles.T.ravel().astype(np.uint32))
         primitive["mode"] = _TRIANGLES
