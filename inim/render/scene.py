@@ -128,7 +128,7 @@ def open_scene(
     try:
         decoded = _read_files(file)
         started = time.perf_counter()
-        scene = _load_scene(file, decoded)
+        scene, mirrored = _load_scene(file, decoded)
         shapes = [shape for shape in scene.shapes() if not shape.is_emitter()]
         if not shapes:
             raise SceneError(f"{file.path}: the scene has no shape except lights; add one")
@@ -139,7 +139,7 @@ def open_scene(
         if turn_deg is not None:
             points, turn = _turntable(points, axes, turn_deg)
         if turn is not None or ids:
-            scene = _load_scene(file, decoded, turn, ids)
+            scene, mirrored = _load_scene(file, decoded, turn, ids)
         if observer:
             observer.record_rendering(time.perf_counter() - started)
     finally:  # what is wrong with a file that is just being saved is no matter
@@ -158,7 +158,7 @@ def open_scene(
     imports = _import_lines(decoded)
     if file.common is not None:
         imports = (*imports, f"files may lie in {file.common}")
-    warnings = (*warnings, *_mirrored(file, ids))
+    warnings = (*warnings, *mirrored)
     return FittedScene(scene, integrator, fit, start, count, names, imports, warnings)
 
 
@@ -221,8 +221,11 @@ def _load_scene(
     decoded: Mapping[Path, Any],
     turn: np.ndarray | None = None,
     left_out: Collection[str] = (),
-) -> Any:
-    """Load a scene without the shapes of some ids; turn the others, but not lights, (4, 4)."""
+) -> tuple[Any, tuple[str, ...]]:
+    """Load a scene without the shapes of some ids; turn the others, but not lights, (4, 4).
+
+    Also returns warnings of mirrored shapes.
+    """
     config = mi.parser.ParserConfig(mi.variant())
     # Merged shapes come in the order of a hash table of pointers, and lights with them: equal seeds
     # would light a scene otherwise from one process to the next.
@@ -234,6 +237,7 @@ def _load_scene(
         state.root.props["embree_use_robust_intersections"] = True
         _name_shapes(state)
         _remove_shapes(state, left_out)
+        mirrored = _mirrored(file, state)
         if turn is not None:
             for node in _children(state, state.root, mi.ObjectType.Shape):
                 _turn_shape(state, node, turn)
@@ -252,7 +256,7 @@ def _load_scene(
             text = text.splitlines()[-1]
         cause = " ".join(text.split())
         raise FileError(f"{file.path}: the renderer refuses it: {cause[:400]}") from error
-    return loaded[0] if isinstance(loaded, list) else loaded
+    return loaded[0] if isinstance(loaded, list) else loaded, mirrored
 
 
 def _parse_scene(config: Any, file: SceneFile) -> Any:
@@ -285,10 +289,8 @@ _ONE_SIDED = ("diffuse", "conductor", "roughconductor", "plastic", "roughplastic
               "principledthin", "pplastic")  # fmt: skip
 
 
-def _mirrored(file: SceneFile, left_out: Collection[str]) -> tuple[str, ...]:
+def _mirrored(file: SceneFile, state: Any) -> tuple[str, ...]:
     """Warnings of meshes that their transform turns inside out, with one-sided materials."""
-    state = _parse_scene(mi.parser.ParserConfig(mi.variant()), file)
-    _name_shapes(state)
     texts = []
     for node in _children(state, state.root, mi.ObjectType.Shape):
         properties = node.props
@@ -297,8 +299,7 @@ def _mirrored(file: SceneFile, left_out: Collection[str]) -> tuple[str, ...]:
         matrix = np.asarray(properties["to_world"].matrix, np.float64).reshape(4, 4)
         materials = _children(state, node, mi.ObjectType.BSDF)
         plugin = materials[0].props.plugin_name() if materials else "diffuse"
-        is_shown = properties.id() not in left_out
-        if is_shown and np.linalg.det(matrix[:3, :3]) < 0 and plugin in _ONE_SIDED:
+        if np.linalg.det(matrix[:3, :3]) < 0 and plugin in _ONE_SIDED:
             texts.append(
                 f"{file.path}: to_world mirrors the shape {properties.id()}, whose material "
                 f"{plugin} is black from behind; wrap it in a bsdf of type twosided"

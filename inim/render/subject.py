@@ -44,10 +44,14 @@ def find_subject(file: SceneFile, scene: Any, shapes: Sequence[Any], relic: str)
     if len(shapes) == 1:
         return Subject()
     boxes = _Boxes.of(shapes)
+    whole = boxes.size(np.ones(len(shapes), bool))
+    smallest = float(np.linalg.norm(boxes.high - boxes.low, axis=1).min())
+    if whole <= _SURROUNDINGS * smallest:  # whatever the camera shows
+        return Subject()
     group = _shown(scene, shapes, boxes)
     if group is None:
         return Subject((), _dominating(file, shapes, boxes))
-    if boxes.size(np.ones(len(shapes), bool)) <= _SURROUNDINGS * boxes.size(group):
+    if whole <= _SURROUNDINGS * boxes.size(group):
         return Subject()
     left_out = tuple(shape for shape, is_in in zip(shapes, group, strict=True) if not is_in)
     names = [shape.id() for shape in left_out]

@@ -57,9 +57,9 @@ def _numbers(path: Path, heard: list[str]) -> list[float]:
         light = read_exr(path).astype(np.float64)
         finite = np.where(np.isfinite(light), light, np.nan)
         return [float(mean) for mean in np.nanmean(finite, axis=(0, 1))]
-    meshes = read_mesh(path, heard.append)
     data = read_bytes(path)
-    account = mesh_account(path, data, mesh_kind(path, data), meshes)
+    meshes = read_mesh(path, heard.append, data)
+    account = mesh_account(data, mesh_kind(path, data), meshes)
     heard += account.lost(meshes, 1.0)
     return account.size
 

@@ -15,7 +15,7 @@ from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.files.image import check_unfolding, read_exr_channels, read_exr_color
 from inim.image.files.picture import is_exr, open_picture, png_gamma, read_pfm
 from inim.system.errors import FileError
-from inim.system.files import check_file, open_file, read_file
+from inim.system.files import check_file, open_file
 
 _COLOR_FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP", "PPM")
 _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
@@ -220,10 +220,15 @@ def _transparent(picture: Any) -> np.ndarray | None:
     return clear if clear.any() else None
 
 
+# A header, with some comments.
+_PGM_HEAD_BYTES = 4096
+
+
 def _by_largest(path: Path, stored: np.ndarray) -> np.ndarray:
     """Numbers of a PGM as stored: Pillow stretches them to all of 8 or 16 bits."""
-    words = re.sub(rb"#[^\n]*", b"", read_file(path, _MOST_PIXELS * 2 + 2**12)[:4096]).split()
-    largest = int(words[3])
+    with open_file(path) as file:
+        head = file.read(_PGM_HEAD_BYTES)
+    largest = int(re.sub(rb"#[^\n]*", b"", head).split()[3])
     full = 255 if largest <= 255 else 65535
     return np.rint(stored * (largest / full)).astype(stored.dtype)
 
@@ -309,7 +314,7 @@ def _depth_channel(path: Path, channels: Mapping[str, np.ndarray]) -> str:
     """
     named = [name for name in channels if _ends_with_depth(name, channels)]
     if named:
-        return min(named, key=lambda name: _depth_rank(name))
+        return min(named, key=_depth_rank)
     layers = [name for name in channels if "depth" in name.lower().split(".")[:-1]]
     lone = [name for name in layers or channels if name.rpartition(".")[2] != "A"]
     if len(lone) == 1 and lone[0].rpartition(".")[2].lower() in _LONE:

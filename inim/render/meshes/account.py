@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -19,13 +18,11 @@ _TOLERANCE = 1e-3
 class MeshAccount(msgspec.Struct, frozen=True, kw_only=True):
     """Contents of a mesh file as they were read."""
 
-    file: str
     triangles: int
     #: Triangles by the file's own numbers; None if it has polygons, which are counted only by
     #: reading them.
     declared: int | None
     bodies: int  #: Connected parts.
-    vertices: int
     size: list[float]  #: Along x, y and z, in the file's unit.
     area: float  #: Of all triangles, in the file's unit.
     textures: int
@@ -56,18 +53,16 @@ class MeshAccount(msgspec.Struct, frozen=True, kw_only=True):
         return sentences
 
 
-def mesh_account(path: Path, data: bytes, kind: str, meshes: Sequence[Mesh]) -> MeshAccount:
+def mesh_account(data: bytes, kind: str, meshes: Sequence[Mesh]) -> MeshAccount:
     """Account of a file, from its content and the meshes that were read from it."""
     used = [mesh.vertices[np.unique(mesh.faces)] for mesh in meshes]
     low = np.min([points.min(axis=0) for points in used], axis=0)
     high = np.max([points.max(axis=0) for points in used], axis=0)
     textures = {mesh.texture.tobytes() for mesh in meshes if mesh.texture is not None}
     return MeshAccount(
-        file=path.name,
         triangles=sum(len(mesh.faces) for mesh in meshes),
         declared=_declared(data, kind),
         bodies=sum(_bodies(mesh) for mesh in meshes),
-        vertices=sum(map(len, used)),
         size=[float(length) for length in high.astype(float) - low.astype(float)],
         area=_area(meshes),
         textures=len(textures),

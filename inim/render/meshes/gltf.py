@@ -56,8 +56,7 @@ def prepare_gltf(
     another exception, for a damaged file.
     """
     is_binary = data.startswith(_GLB_MAGIC)
-    end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
-    header = json.loads(data[_GLB_START:end] if is_binary else data)
+    header, end = _header(data)
     _check_extensions(path, header)
     changes = [_complete(header)]
     primitives = [p for mesh in header.get("meshes", []) for p in mesh["primitives"]]
@@ -81,6 +80,14 @@ def prepare_gltf(
     return data[:8] + size.to_bytes(4, "little") + chunk + data[end:]
 
 
+def _header(data: bytes) -> tuple[dict[str, Any], int]:
+    """JSON of a glTF or GLB file, and where it ends."""
+    is_binary = data.startswith(_GLB_MAGIC)
+    end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
+    header: dict[str, Any] = json.loads(data[_GLB_START:end] if is_binary else data)
+    return header, end
+
+
 def _complete(header: dict[str, Any]) -> bool:
     """Add a scene of all root nodes where there is none, and remove cameras; True if changed."""
     nodes = header.get("nodes", [])
@@ -95,9 +102,7 @@ def _complete(header: dict[str, Any]) -> bool:
 
 def count_triangles(data: bytes) -> int | None:
     """Triangles that the nodes of the scene place, instances included; None for damaged files."""
-    is_binary = data.startswith(_GLB_MAGIC)
-    end = _GLB_START + int.from_bytes(data[12:16], "little") if is_binary else len(data)
-    header = json.loads(data[_GLB_START:end] if is_binary else data)
+    header, _ = _header(data)
     _complete(header)
     try:
         return _placed_triangles(header)
@@ -107,8 +112,11 @@ def count_triangles(data: bytes) -> int | None:
 
 def _placed_triangles(header: dict[str, Any]) -> int:
     left = list(header["scenes"][header.get("scene", 0)].get("nodes", []))
-    total = 0
+    total = visits = 0
     while left:
+        visits += 1
+        if visits > len(header["nodes"]):
+            raise ValueError("a node has several parents")
         node = header["nodes"][left.pop()]
         left += node.get("children", [])
         instances = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})

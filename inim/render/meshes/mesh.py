@@ -35,16 +35,19 @@ def _silent(_: str) -> None:
     """Ignore a warning."""
 
 
-def read_mesh(path: Path, warn: Callable[[str], object] = _silent) -> list[Mesh]:
+def read_mesh(
+    path: Path, warn: Callable[[str], object] = _silent, data: bytes | None = None
+) -> list[Mesh]:
     """Read every triangle mesh of a PLY, OBJ, OFF, STL, GLB or glTF file, node transforms applied.
 
-    * `warn`: called with a line for each missing companion file.
+    * `warn`: called with a line on what is not read.
+    * `data`: content of the file, if already read.
 
     Raises `FileError`: the file is missing, of another kind, damaged or without faces; one line
     with the file and the cause.
     """
     path = Path(path)
-    data = read_bytes(path)
+    data = read_bytes(path) if data is None else data
     return _meshes(path, data, mesh_kind(path, data), warn, materials=True)
 
 

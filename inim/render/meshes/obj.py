@@ -318,12 +318,11 @@ def _libraries(
     clear: dict[str, None] = {}
     for line in dict.fromkeys(lines):
         lacking = dict(companions.lacking)
-        data = companions.read(line)
-        names = [line]
-        if data is None:  # several names, not one with spaces
-            companions.lacking, names = lacking, _library_names(line)
-        for name in names:
-            text = companions.read(name)
+        texts = {line: companions.read(line)}
+        if texts[line] is None:  # several names, not one with spaces
+            companions.lacking = lacking
+            texts = {name: companions.read(name) for name in _library_names(line)}
+        for name, text in texts.items():
             if text is None:
                 continue
             folder = name.replace("\\", "/").rpartition("/")[0]

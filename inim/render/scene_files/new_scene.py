@@ -162,8 +162,8 @@ def _place_mesh(
     from inim.render.meshes.triangle_mesh import add_vertex_normals, coarse_text
     from inim.render.scene_files.relic_scene import bounds, is_black, merge_meshes, place_meshes
 
-    meshes = read_mesh(source, warn)
-    account = mesh_account(source, data, mesh_kind(source, data), meshes)
+    meshes = read_mesh(source, warn, data)
+    account = mesh_account(data, mesh_kind(source, data), meshes)
     unit, up = _unit_and_up(source, meshes, unit, up)
     turn = _turn(up, front or _USUAL_FRONT[up])
     parts = place_meshes(merge_meshes([add_vertex_normals(m) for m in meshes]), turn, UNIT_MM[unit])
