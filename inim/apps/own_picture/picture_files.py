@@ -13,7 +13,13 @@ from numpy.typing import NDArray
 
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.files.image import check_unfolding, read_exr_channels, read_exr_color
-from inim.image.files.picture import is_exr, open_picture, png_gamma, read_pfm
+from inim.image.files.picture import (
+    grey_of_16_bits,
+    is_exr,
+    open_picture,
+    png_gamma,
+    read_pfm,
+)
 from inim.system.errors import FileError
 from inim.system.files import check_file, open_file
 
@@ -23,7 +29,6 @@ _NO_COLOR = "not a colour picture that inim reads; save it as PNG, JPEG or EXR"
 _OPAQUE = 0.5
 _WITH_PROFILE = ("RGB", "RGBA", "L", "CMYK")
 _WITH_GAMMA = ("L", "LA", "RGB", "RGBA")
-_CODES_OF_16_BITS = 65535 / 255
 _PICTURES = {
     ".png": ("PNG",),
     ".pgm": ("PPM",),
@@ -93,11 +98,9 @@ def _decoded_color(path: Path) -> tuple[NDArray[np.uint8], NDArray[np.bool_] | N
 
     with open_picture(path, _COLOR_FORMATS, 1, _NO_COLOR) as picture:
         upright = convert_to_srgb(ImageOps.exif_transpose(picture), path)
-        if upright.mode.startswith("I"):  # Pillow would clip 16 bits to 255
-            grey = np.asarray(upright, np.float32) / _CODES_OF_16_BITS
-            codes = np.rint(np.clip(grey, 0, 255)).astype(np.uint8)
+        if upright.mode.startswith("I"):
             clear = _transparent(upright)
-            return np.repeat(codes[..., None], 3, axis=-1), None if clear is None else ~clear
+            return grey_of_16_bits(upright), None if clear is None else ~clear
         if "A" not in upright.getbands() and "transparency" not in upright.info:
             return np.asarray(upright.convert("RGB")), None
         rgba = np.asarray(upright.convert("RGBA"))

@@ -94,6 +94,17 @@ def is_exr(path: Path) -> bool:
         return file.read(_HEAD_BYTES).startswith(_EXR_MAGIC)
 
 
+# Codes of 16 bits per code of 8.
+_CODES_OF_16_BITS = 257
+
+
+def grey_of_16_bits(picture: Any) -> NDArray[np.uint8]:
+    """Pixels of a grey picture of 16 bits, (H, W, 3); Pillow would clip them to 255."""
+    codes = np.asarray(picture).astype(np.float32) / _CODES_OF_16_BITS
+    grey = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
+    return np.repeat(grey[..., None], 3, axis=-1)
+
+
 # Exponent of PNGs whose codes are sRGB as far as anybody can see.
 _USUAL_GAMMA, _GAMMA_TOLERANCE = 0.45455, 0.02
 

@@ -8,7 +8,7 @@ import msgspec
 import numpy as np
 
 from inim.render.meshes.gltf import count_triangles
-from inim.render.meshes.triangle_mesh import Mesh
+from inim.render.meshes.triangle_mesh import Mesh, bounds, face_areas
 
 _FACE = re.compile(rb"^[ \t]*[fF][ \t]+([^\r\n#]*)", re.MULTILINE)
 # Relative difference of areas that is no rounding of coordinates.
@@ -55,15 +55,13 @@ class MeshAccount(msgspec.Struct, frozen=True, kw_only=True):
 
 def mesh_account(data: bytes, kind: str, meshes: Sequence[Mesh]) -> MeshAccount:
     """Account of a file, from its content and the meshes that were read from it."""
-    used = [mesh.vertices[np.unique(mesh.faces)] for mesh in meshes]
-    low = np.min([points.min(axis=0) for points in used], axis=0)
-    high = np.max([points.max(axis=0) for points in used], axis=0)
+    low, high = bounds(meshes)
     textures = {mesh.texture.tobytes() for mesh in meshes if mesh.texture is not None}
     return MeshAccount(
         triangles=sum(len(mesh.faces) for mesh in meshes),
         declared=_declared(data, kind),
         bodies=sum(_bodies(mesh) for mesh in meshes),
-        size=[float(length) for length in high.astype(float) - low.astype(float)],
+        size=[float(length) for length in high - low],
         area=_area(meshes),
         textures=len(textures),
         colored=any(mesh.color is not None for mesh in meshes),
@@ -84,12 +82,7 @@ def _declared(data: bytes, kind: str) -> int | None:
 
 
 def _area(meshes: Sequence[Mesh]) -> float:
-    total = 0.0
-    for mesh in meshes:
-        points = mesh.vertices.astype(np.float64)
-        a, b, c = (points[mesh.faces[:, k]] for k in range(3))
-        total += float(np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()) / 2
-    return total
+    return sum(float(a.sum()) for mesh in meshes for a in face_areas(mesh.vertices, mesh.faces))
 
 
 def _bodies(mesh: Mesh) -> int:

@@ -8,14 +8,13 @@ from urllib.parse import unquote
 
 import numpy as np
 
+from inim.image.files.picture import grey_of_16_bits
 from inim.system.errors import FileError
 from inim.system.files import read_file
 
 _MOST_TEXTURE_PIXELS = 2**26
 _MOST_BYTES = 2**29
 _MOST_NAME = 120
-# Codes of 16 bits per code of 8.
-_CODES_OF_16_BITS = 257
 
 
 class Companions:
@@ -88,10 +87,8 @@ class Companions:
                 f"{self._path}: texture of {image.width} x {image.height} pixels; scale it below "
                 "8192 x 8192"
             )
-        if image.mode.startswith("I"):  # Pillow would clip 16 bits to 255
-            codes = np.asarray(image).astype(np.float32) / _CODES_OF_16_BITS
-            grey = np.rint(np.clip(codes, 0, 255)).astype(np.uint8)
-            return np.repeat(grey[..., None], 3, axis=-1)
+        if image.mode.startswith("I"):
+            return grey_of_16_bits(image)
         return np.asarray(image.convert("RGB"), np.uint8)
 
     def losses(self) -> list[str]:

@@ -4,6 +4,7 @@ Readers return a `Mesh` and writers accept one; the checks apply to every format
 """
 
 import warnings
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
@@ -111,16 +112,26 @@ def coarse_text(vertices: np.ndarray) -> str:
     )
 
 
-def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
-    """True if any face has an area."""
-    extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
+def face_areas(vertices: np.ndarray, faces: np.ndarray) -> Iterator[np.ndarray]:
+    """Areas of faces in float64, block by block."""
     for start in range(0, len(faces), _FACES_AT_ONCE):
         block = faces[start : start + _FACES_AT_ONCE]
         a, b, c = (vertices[block[:, k]].astype(np.float64) for k in range(3))
-        doubled = np.linalg.norm(np.cross(b - a, c - a), axis=1)
-        if bool((doubled > _LEAST_AREA * extent**2).any()):
-            return True
-    return False
+        yield np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+
+
+def has_area(vertices: np.ndarray, faces: np.ndarray) -> bool:
+    """True if any face has an area."""
+    extent = float(np.ptp(vertices.astype(np.float64), axis=0).max())
+    least = _LEAST_AREA * extent**2
+    return any(bool((2 * area > least).any()) for area in face_areas(vertices, faces))
+
+
+def bounds(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
+    """Lower and upper corner (3,) float64 of the vertices in faces."""
+    used = [mesh.vertices[np.unique(mesh.faces)] for mesh in meshes]
+    low = np.min([points.min(axis=0) for points in used], axis=0)
+    return low.astype(float), np.max([points.max(axis=0) for points in used], axis=0).astype(float)
 
 
 def first_line(error: BaseException) -> str:

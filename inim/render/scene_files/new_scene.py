@@ -159,8 +159,8 @@ def _place_mesh(
     """
     from inim.render.meshes.account import mesh_account
     from inim.render.meshes.mesh import UNIT_MM, mesh_kind, read_mesh
-    from inim.render.meshes.triangle_mesh import add_vertex_normals, coarse_text
-    from inim.render.scene_files.relic_scene import bounds, is_black, merge_meshes, place_meshes
+    from inim.render.meshes.triangle_mesh import add_vertex_normals, bounds, coarse_text
+    from inim.render.scene_files.relic_scene import is_black, merge_meshes, place_meshes
 
     meshes = read_mesh(source, warn, data)
     account = mesh_account(data, mesh_kind(source, data), meshes)
@@ -242,7 +242,7 @@ def _unit_and_up(
     if up is None:
         missing.append("up axis, give --up (x, y, z, -x, -y, -z)")
     if unit is None or up is None:
-        from inim.render.scene_files.relic_scene import bounds
+        from inim.render.meshes.triangle_mesh import bounds
 
         low, high = bounds(meshes)
         size = " x ".join(f"{length:.4g}" for length in high - low)

@@ -20,7 +20,7 @@ from scipy.spatial.transform import Rotation
 
 from inim.image.color import linear_from_srgb
 from inim.render.meshes.splat_ply import Splats
-from inim.render.meshes.triangle_mesh import Mesh
+from inim.render.meshes.triangle_mesh import Mesh, bounds
 from inim.system.errors import UsageError
 
 if TYPE_CHECKING:
@@ -51,13 +51,6 @@ def _one(group: Sequence[Mesh]) -> Mesh:
         uv=np.concatenate([m.uv for m in group if m.uv is not None]) if textured else None,
         color=np.concatenate(colors).clip(0, 1) if colored else None,
     )
-
-
-def bounds(meshes: Sequence[Mesh]) -> tuple[np.ndarray, np.ndarray]:
-    """Lower and upper corner (3,) float64 of the vertices in faces."""
-    used = [mesh.vertices[np.unique(mesh.faces)] for mesh in meshes]
-    low = np.min([points.min(axis=0) for points in used], axis=0)
-    return low.astype(float), np.max([points.max(axis=0) for points in used], axis=0).astype(float)
 
 
 def place_meshes(meshes: Sequence[Mesh], turn: np.ndarray, scale_mm: float) -> list[Mesh]:
