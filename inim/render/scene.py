@@ -20,7 +20,7 @@ from inim.image.files.picture import check_volume, read_texture
 from inim.render import splats
 from inim.render.culling import BoundsGrid, world_points
 from inim.render.library import mi
-from inim.render.meshes.mesh import read_shape
+from inim.render.meshes.mesh import read_shapes
 from inim.render.meshes.splat_ply import SPLAT_SHAPES, check_splats
 from inim.render.meshes.triangle_mesh import Mesh, read_bytes
 from inim.render.rays import NonSeparableRays, SeparableRays
@@ -166,8 +166,9 @@ def _import_lines(decoded: Mapping[Path, Any]) -> tuple[str, ...]:
     """Content of each mesh and picture."""
     lines = []
     for path, content in decoded.items():
-        if isinstance(content, Mesh):
-            lines.append(f"{path.name}: {len(content.faces)} triangles")
+        if isinstance(content, tuple):
+            triangles = sum(len(mesh.faces) for mesh in content)
+            lines.append(f"{path.name}: {triangles} triangles")
         elif content is not None:
             lines.append(f"{path.name}: {content.shape[1]} x {content.shape[0]} pixels")
     return tuple(lines)
@@ -180,8 +181,8 @@ def _read_files(file: SceneFile) -> dict[Path, Any]:
     for plugin, path in file.meshes:
         if plugin in SPLAT_SHAPES:
             count += check_splats(path, read_bytes(path))
-        else:
-            decoded[path] = read_shape(path, plugin)
+        elif path not in decoded:
+            decoded[path] = read_shapes(path, plugin)
     needed, limit = count * _SPLAT_BYTES, memory_limit_bytes()
     if limit and needed > limit:  # without room for them, the renderer dies
         raise SceneError(
@@ -294,7 +295,7 @@ def _mirrored(file: SceneFile, state: Any) -> tuple[str, ...]:
     texts = []
     for node in _children(state, state.root, mi.ObjectType.Shape):
         properties = node.props
-        if properties.plugin_name() not in ("ply", "obj") or "to_world" not in properties:
+        if properties.plugin_name() not in _FLIPS_BY_DEFAULT or "to_world" not in properties:
             continue
         matrix = np.asarray(properties["to_world"].matrix, np.float64).reshape(4, 4)
         materials = _children(state, node, mi.ObjectType.BSDF)
@@ -368,8 +369,14 @@ def _pass_file(file: SceneFile, properties: Any, decoded: Mapping[Path, Any]) ->
         raise SceneError(f"{file.path}: {name!r} was not found when the scene was scanned")
     path = file.named[name]
     content = decoded.get(path)
-    if isinstance(content, Mesh):
-        use_mesh(properties, content)
+    if isinstance(content, tuple):
+        number = properties.get("shape_index", 0)
+        if not 0 <= number < len(content):
+            raise SceneError(
+                f"{file.path}: shape_index {number} of {name!r}, whose meshes are 0 to "
+                f"{len(content) - 1}"
+            )
+        use_mesh(properties, content[number])
     elif content is not None:
         del properties["filename"]
         properties["bitmap"] = mi.Bitmap(content)
@@ -459,7 +466,7 @@ MESH_PLUGIN = "inim_mesh"
 _ARRAYS = ("faces", "vertex_positions", "vertex_normals", "vertex_texcoords")
 _ATTRIBUTE = "attribute."
 # Mitsuba's readers differ in which way v grows.
-_FLIPS_BY_DEFAULT = {"ply": False, "obj": True}
+_FLIPS_BY_DEFAULT = {"ply": False, "obj": True, "serialized": False}
 
 
 def register() -> None:
@@ -468,7 +475,7 @@ def register() -> None:
 
 
 def use_mesh(properties: Any, mesh: Mesh) -> None:
-    """Let a `ply` or `obj` shape have a mesh instead of the file that it names.
+    """Let a `ply`, `obj` or `serialized` shape have a mesh instead of the file that it names.
 
     * `properties`: of the shape; changed in place.
     * `mesh`: with indices in range.
@@ -477,7 +484,9 @@ def use_mesh(properties: Any, mesh: Mesh) -> None:
     if "flip_tex_coords" in properties:
         flipped = properties["flip_tex_coords"]
         del properties["flip_tex_coords"]
-    del properties["filename"]
+    for name in ("filename", "shape_index"):
+        if name in properties:
+            del properties[name]
     properties.set_plugin_name(MESH_PLUGIN)
     transform = properties.get("to_world", mi.ScalarAffineTransform4d())
     matrix, normal_matrix = (

@@ -3,28 +3,48 @@
 ``python -m reports.zoo.expect FOLDER`` writes ``reports/zoo/zoo.jsonl``. FOLDER has a folder for
 each repository of `REPOSITORIES`, ``OWNER+NAME``, with a checkout of the given commit. Sizes of
 meshes are those of ``assimp info`` (assimp), of glTF those of the sum over its nodes below. Means
-of colours are those of ``oiiotool --stats`` (OpenImageIO). `BY_HAND` has the files that these
-programs read otherwise than their formats say.
+of EXR are those of ``oiiotool --stats`` (OpenImageIO), those of HEIC and their depth come from
+``heif-convert`` (libheif), quantiles of depth pictures from Pillow, and shapes of scenes from
+Mitsuba. `BY_HAND` has the files that these programs read otherwise than their formats say.
 """
 
 import base64
 import hashlib
+import io
 import json
 import re
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 from typing import Any
 
+import mitsuba as mi
 import numpy as np
+from PIL import Image, ImageCms
 
 REPOSITORIES = {
     "kovacsv/Online3DViewer": "f4260cc7be355b3cfe0fa6cb421d2864bc396133",
     "tinyobjloader/tinyobjloader": "b5346fac929c8a862a1c1d4d89db5477d30b7e6f",
     "mikedh/trimesh": "a513c0e2cfa6dfbd3121a6dfd8ceb002b9ef55d8",
     "AcademySoftwareFoundation/openexr-images": "e38ffb0790f62f05a6f083a6fa4cac150b3b7452",
+    "andyzeng/tsdf-fusion-python": "3f22a940d90f684145b1f29b1feaa92e09eb1db6",
+    "panrafal/depthy": "6ff99c1eb975e820e7feee988cd0df3978ce0df2",
+    "bigcat88/pillow_heif": "657f27d7955bbd730701e2e966e7e8751e119eb9",
+    "mitsuba-renderer/mitsuba-data": "01100fa9b0b154492061a92404f26dcd7b784dbb",
 }
 _MESHES = (".obj", ".ply", ".off", ".stl", ".glb", ".gltf")
+_PHOTOS = (".heic", ".heif", ".hif")
+#: Kinds of files, by how their names end.
+KINDS = {
+    **dict.fromkeys(_MESHES, "mesh"),
+    **dict.fromkeys(_PHOTOS, "photograph"),
+    ".exr": "EXR",
+    ".depth.png": "RGB-D",
+    "-depth.jpg": "RGB-D",
+    "-image.jpg": "photograph",
+    ".xml": "scene",
+}
 _NO_FACES = "it has no triangles"
 #: Size, or the reason to refuse a file, by its name: what the other programs do differently.
 BY_HAND: dict[str, Any] = {
@@ -56,6 +76,7 @@ BY_HAND: dict[str, Any] = {
     "XYZ_YC.exr": [0.3653, 0.2778, 0.1153],
     "Carrots.exr": None,  # in primaries of their own, which oiiotool does not convert
     "Tree.exr": None,
+    "test_various_emitters_ptracer.xml": "its integrator follows no rays from the camera",
     "WideFloatRange.exr": "it has green only",
     "Rec709_YC.exr": [0.3653, 0.2778, 0.1153],  # that of Rec709.exr
 }
@@ -160,13 +181,76 @@ def _mean_by_oiio(path: Path) -> Any:
     return values[:3] if len(values) >= 3 else values[:1]
 
 
+def quantiles(depth: np.ndarray, empty: np.ndarray) -> list[float]:
+    """Share of missing depths, and their 5, 50 and 95 % quantiles."""
+    return [float(empty.mean()), *map(float, np.quantile(depth[~empty], (0.05, 0.5, 0.95)))]
+
+
+def _depth_by_pillow(path: Path) -> Any:
+    """Quantiles of a depth picture; 0 and, in 16 bits, 65535 are missing, as in its own reader."""
+    with Image.open(path) as picture:
+        codes = np.asarray(picture if picture.mode.startswith("I") else picture.convert("L"))
+    return quantiles(codes, (codes == 65535) | ((codes == 0) & (path.suffix == ".png")))
+
+
+def _photo_by_libheif(path: Path) -> Any:
+    """Mean sRGB codes of a HEIC photograph and quantiles of its depth codes from 0 to 1."""
+    with tempfile.TemporaryDirectory() as folder:
+        out = Path(folder, "picture.png")
+        words = ["heif-convert", "--with-aux", str(path), str(out)]
+        ended = subprocess.run(words, capture_output=True, text=True, errors="replace", check=False)
+        if ended.returncode:
+            return "not readable"
+        depth = sorted(Path(folder).glob("picture*depth*.png"))
+        if not depth:
+            return "no depth inside"
+        with Image.open(out) as picture:
+            profile, color = picture.info.get("icc_profile"), picture.convert("RGB")
+            if profile:
+                source = ImageCms.ImageCmsProfile(io.BytesIO(profile))
+                target = ImageCms.createProfile("sRGB")
+                color = ImageCms.profileToProfile(color, source, target, outputMode="RGB")
+            mean = np.asarray(color).mean(axis=(0, 1))
+        with Image.open(depth[0]) as picture:
+            codes = np.asarray(picture.convert("L")).astype(float)
+        unit = (codes - codes.min()) / np.ptp(codes)
+        return [*map(float, mean), *quantiles(unit, np.zeros(unit.shape, bool))]
+
+
+def _shapes_by_mitsuba(path: Path) -> Any:
+    """Number of shapes that are no lights, or why Mitsuba or a documented limit refuses it."""
+    if "<medium" in path.read_text("utf-8", "replace"):
+        return None  # refused, unless the shape that bounds it is left out
+    mi.set_variant("scalar_rgb")
+    try:
+        scene = mi.load_file(str(path), optimize=False)
+    except Exception:  # of any plugin
+        return "Mitsuba refuses it"
+    if not isinstance(scene, mi.Scene):
+        return "no scene"
+    shapes = sum(not shape.is_emitter() for shape in scene.shapes())
+    return [float(shapes)] if shapes else "no shape except lights"
+
+
+def kind_of(path: Path) -> str | None:
+    """Kind of a file by its name; None for others."""
+    name = path.name.lower()
+    return next((kind for end, kind in KINDS.items() if name.endswith(end)), None)
+
+
 def expectation(path: Path) -> Any:
-    """Size or mean of a file; a text: why it is refused; None: that it is read or refused."""
+    """Numbers of a file; a text: why it is refused; None: that it is read or refused."""
     if path.name in BY_HAND:
         return BY_HAND[path.name]
-    suffix = path.suffix.lower()
-    if suffix == ".exr":
+    suffix, kind = path.suffix.lower(), kind_of(path)
+    if kind == "EXR":
         return _mean_by_oiio(path)
+    if kind == "RGB-D":
+        return _depth_by_pillow(path)
+    if kind == "photograph":
+        return _photo_by_libheif(path) if suffix in _PHOTOS else "no depth inside"
+    if kind == "scene":
+        return _shapes_by_mitsuba(path)
     if suffix in (".gltf", ".glb"):
         try:
             return _size_of_gltf(path)
@@ -181,7 +265,7 @@ def main(words: list[str]) -> int:
     for repository, commit in REPOSITORIES.items():
         root = folder / repository.replace("/", "+")
         for path in sorted(root.rglob("*")):
-            if path.suffix.lower() in (*_MESHES, ".exr") and path.is_file():
+            if kind_of(path) and path.is_file():
                 digest = hashlib.sha256(path.read_bytes()).hexdigest()
                 entry = {"repository": repository, "commit": commit}
                 entry |= {"path": str(path.relative_to(root)), "sha256": digest}

@@ -200,6 +200,8 @@ DOORS: dict[str, tuple[Read, ...]] = {
     "ply-text": (_new_scene, _in_a_scene(_MESH, "ply")),
     "ply-binary": (_new_scene, _in_a_scene(_MESH, "ply")),
     "obj": (_new_scene, _in_a_scene(_MESH, "obj")),
+    "off": (_new_scene,),
+    "serialized": (_in_a_scene(_MESH, "serialized"),),
     "glb": (_new_scene,),
     "gltf": (_new_scene,),
     "stl-text": (_new_scene,),

@@ -27,6 +27,7 @@ from inim.render.meshes.ply import write_ply
 from inim.render.meshes.triangle_mesh import Mesh
 from tests import depth_photographs as photographs
 from tests.conftest import box_surface, scene_text, small_display, sphere, square
+from tests.serialized_meshes import serialized
 
 _ROOT = str(Path(__file__).parents[2])
 
@@ -139,6 +140,22 @@ def _ply_binary(folder: Path) -> tuple[bytes, ...]:
     big += b"property list uchar uint vertex_index\nend_header\n" + points.astype(">f8").tobytes()
     big += b"".join(b"\3" + f.astype(">u4").tobytes() for f in faces)
     return (folder / "a.ply").read_bytes(), (folder / "b.ply").read_bytes(), big
+
+
+def _off(_: Path) -> tuple[bytes, ...]:
+    points, faces = box_surface()
+    plain = "OFF\n8 12 0\n" + "".join("{:g} {:g} {:g}\n".format(*p) for p in points)
+    colored = "# box\nCOFF\n8 12 0\n"
+    colored += "".join("{:g} {:g} {:g} 9 99 200 255\n".format(*p) for p in points)
+    triangles = "".join("3 {} {} {}\n".format(*f) for f in faces)
+    return (plain + triangles).encode(), (colored + triangles).encode()
+
+
+def _serialized(_: Path) -> tuple[bytes, ...]:
+    points, faces = box_surface()
+    plain = {"vertices": points, "faces": faces}
+    full = {**plain, "normals": points - 0.5, "uv": points[:, :2], "color": points}
+    return serialized([plain]), serialized([full, plain], 3), serialized([full], 4, "f8")
 
 
 def _obj(folder: Path) -> tuple[bytes, ...]:
@@ -331,6 +348,8 @@ SPECIMENS = {
     "ply-text": (".ply", _ply_text),
     "ply-binary": (".ply", _ply_binary),
     "obj": (".obj", _obj),
+    "off": (".off", _off),
+    "serialized": (".serialized", _serialized),
     "glb": (".glb", _glb),
     "gltf": (".gltf", _gltf),
     "stl-text": (".stl", lambda _: _stl("stl_ascii")),

@@ -10,7 +10,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.render.meshes.mesh import read_shape
+from inim.render.meshes.mesh import read_shapes
+from inim.system.errors import FileError
+from tests.serialized_meshes import serialized
 
 MOVED = (
     '<transform name="to_world"><scale x="2" y="-1" z="0.5"/>'
@@ -73,7 +75,7 @@ def shapes(path: Path, plugin: str, inner: str) -> tuple[Any, Any]:
         state = mi.parser.parse_string(config, text)
         for node in state.nodes:
             if passed and node.props.plugin_name() == plugin:
-                use_mesh(node.props, read_shape(path, plugin))
+                use_mesh(node.props, read_shapes(path, plugin)[node.props.get("shape_index", 0)])
         mi.parser.transform_all(config, state)
         scene = mi.parser.instantiate(config, state)
         meshes += scene.shapes()
@@ -165,3 +167,47 @@ def test_obj_gives_the_corners_of_mitsuba(renderer, tmp_path, name, inner):
         flat = np.array(turned)
         corners.append(flat[np.lexsort(flat.T)])
     np.testing.assert_allclose(corners[1], corners[0], atol=1e-6)
+
+
+def _serialized_meshes() -> list[dict[str, np.ndarray]]:
+    rng = np.random.default_rng(8)
+    plain = {"vertices": POINTS, "faces": FACES}
+    normals, uv = rng.normal(size=(6, 3)), rng.random((6, 2))
+    return [plain, {**plain, "normals": normals}, {**plain, "normals": normals, "uv": uv},
+            {**plain, "uv": uv, "color": rng.random((6, 3))}]  # fmt: skip
+
+
+@pytest.mark.parametrize("number", range(4))
+@pytest.mark.parametrize(("version", "kind"), [(3, "f4"), (4, "f4"), (4, "f8")])
+def test_serialized_gives_the_arrays_of_mitsuba(renderer, tmp_path, number, version, kind):
+    path = tmp_path / "a.serialized"
+    path.write_bytes(serialized(_serialized_meshes(), version, kind))
+    inner = f'{MOVED}<integer name="shape_index" value="{number}"/>'
+    assert_equal(*shapes(path, "serialized", inner))
+
+
+def test_a_damaged_serialized_mesh_has_one_line(tmp_path):
+    """Cut anywhere, or with any changed byte: read with equal numbers, or refused."""
+    path = tmp_path / "a.serialized"
+    data = serialized(_serialized_meshes())
+    path.write_bytes(data)
+    whole = read_shapes(path, "serialized")
+    refused = 0
+    for place in range(len(data)):
+        path.write_bytes(data[:place] if place % 2 else _changed(data, place))
+        try:
+            meshes = read_shapes(path, "serialized")
+        except FileError as error:
+            refused += 1
+            assert "\n" not in str(error)
+            assert "a.serialized" in str(error)
+        else:
+            assert len(meshes) == len(whole)
+            for mesh, original in zip(meshes, whole, strict=True):
+                np.testing.assert_array_equal(mesh.faces, original.faces)
+                np.testing.assert_array_equal(mesh.vertices, original.vertices)
+    assert refused > 0.9 * len(data)
+
+
+def _changed(data: bytes, place: int) -> bytes:
+    return data[:place] + bytes([data[place] ^ 0x55]) + data[place + 1 :]

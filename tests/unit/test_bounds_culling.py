@@ -12,6 +12,7 @@ from inim.display import Viewpoint
 from inim.system.errors import FileError
 from inim.system.process.observer import Observer
 from tests.conftest import scene_text, small_display, sphere
+from tests.serialized_meshes import serialized
 from tests.splat_relics import random_splats, splat_scene
 
 LAMP = """<shape type="rectangle"><transform name="to_world"><scale value="2"/>
@@ -127,11 +128,12 @@ RELICS = {
     "rectangle": shape("rectangle", GREY),
     "sdfgrid": shape("sdfgrid", GRID),
     "shapegroup": '<shape type="shapegroup" id="balls"><shape type="sphere"/></shape>',
+    "serialized": mesh("serialized"),
     "sphere": shape("sphere", GREY),
 }
 RELICS["instance"] = RELICS["shapegroup"] = RELICS["shapegroup"] + RELICS["instance"]
 SPLATS = ("ellipsoids", "ellipsoidsmesh")
-REFUSED = {"blender": shape("blender", GREY), "serialized": mesh("serialized")}
+REFUSED = {"blender": shape("blender", GREY)}
 
 
 def write_relics(folder: Path) -> None:
@@ -141,7 +143,8 @@ def write_relics(folder: Path) -> None:
     ball = trimesh.creation.icosphere(subdivisions=2)
     for form in ("ply", "obj"):
         ball.export(folder / f"ball.{form}")
-    (folder / "ball.serialized").touch()
+    content = serialized([{"vertices": np.asarray(ball.vertices), "faces": np.asarray(ball.faces)}])
+    (folder / "ball.serialized").write_bytes(content)
     points = [(x, x * x - 0.5, 0.3 * x, 0.2) for x in (-1, -0.5, 0, 0.5, 1, 1.5)]
     (folder / "curve.txt").write_text("".join(f"{x} {y} {z} {r}\n" for x, y, z, r in points))
     distance = np.linalg.norm(np.indices((16, 16, 16)).T / 15 - 0.5, axis=-1) - 0.4

@@ -214,3 +214,44 @@ def test_a_damaged_heic_has_its_line(tmp_path):
     ):
         with pytest.raises(FileError, match=says):
             read_photo(tmp_path, damaged, "photo.heic")
+
+
+def _stereo_jpeg():
+    """Two pictures in the multi-picture format, as stereo cameras write them (CIPA DC-007)."""
+    stream = io.BytesIO()
+    Image.fromarray(COLOR).save(
+        stream, "MPO", save_all=True, append_images=[Image.fromarray(COLOR[:, ::-1])]
+    )
+    data, pair = stream.getvalue(), struct.pack("<HHI", 0xB002, 7, 32)
+    place = data.index(b"MPF\0") + 4
+    assert data[place : place + 2] == b"II"
+    at = data.index(pair, place) + len(pair)
+    entries = place + int.from_bytes(data[at : at + 4], "little")
+    words = bytearray(data)
+    for entry in (entries, entries + 16):
+        words[entry : entry + 3] = (0x020002).to_bytes(3, "little")
+    return bytes(words)
+
+
+def test_a_spatial_photograph_has_its_line(tmp_path):
+    """A stereo pair has no depth: the message names both pictures and what to add."""
+    expected = "a spatial photograph: it contains a left and a right picture.* --estimate-depth"
+    with pytest.raises(FileError, match=expected):
+        read_photo(tmp_path, _stereo_jpeg())
+    stream = io.BytesIO()  # two pictures, but no pair
+    Image.fromarray(COLOR).save(
+        stream, "MPO", save_all=True, append_images=[Image.new("RGB", (9, 9))]
+    )
+    with pytest.raises(FileError, match="no depth inside"):
+        read_photo(tmp_path, stream.getvalue())
+
+
+def test_a_spatial_heic_has_its_line(tmp_path):
+    """The group of type `ster` (ISO/IEC 23008-12) is a pair; one of another type is none."""
+    pytest.importorskip("pillow_heif")
+    plain = heic(COLOR, SMALL, apple_xml()).replace(b"auxl", b"xuxl")
+    for kind, expected in ((b"ster", "a spatial photograph"), (b"altr", "no depth inside")):
+        group = struct.pack(">I4sIIIII", 28, kind, 0, 1, 2, 1, 2)
+        box = struct.pack(">I4sI", 12 + len(group), b"grpl", 0) + group
+        with pytest.raises(FileError, match=expected):
+            read_photo(tmp_path, plain + box, "photo.heic")

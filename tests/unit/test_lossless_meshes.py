@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from inim.render.meshes.mesh import read_mesh, read_shape
+from inim.render.meshes.mesh import read_mesh, read_shapes
 from inim.render.scene_files.new_scene import new_scene
 from inim.system.errors import FileError
 
@@ -63,7 +63,7 @@ def test_coordinates_without_their_digits_are_named(tmp_path):
     _, lines = messages_of(tmp_path, "a.obj", obj_text(far))
     assert any("32-bit numbers have steps of 0.5" in line for line in lines)
     heard = []
-    read_shape(tmp_path / "a.obj", "obj", heard.append)
+    read_shapes(tmp_path / "a.obj", "obj", heard.append)
     assert "`inim new-scene` centres a mesh first" in heard[0]
 
 
@@ -149,6 +149,16 @@ def test_colours_of_the_faces_of_a_ply_are_read_and_other_numbers_named(tmp_path
     assert np.array_equal(mesh.color[::3], [RED, GREEN, BLUE, RED])
 
 
+def test_blank_lines_and_comments_in_the_body_of_a_ply_are_skipped(tmp_path):
+    head, body = colored_ply("ascii").decode().split("end_header\n")
+    lines = body.splitlines()
+    lines[6:6], lines[1:1] = ["   ", "comment 3 0 1 2"], ["", "comment after the header"]
+    (tmp_path / "a.ply").write_text(head + "end_header\n" + "\n".join(lines) + "\n")
+    (mesh,) = read_mesh(tmp_path / "a.ply")
+    assert len(mesh.faces) == 4
+    assert np.array_equal(mesh.color[::3], [RED, GREEN, BLUE, RED])
+
+
 @pytest.mark.parametrize(
     ("head", "vertex", "face"),
     [
@@ -211,6 +221,14 @@ def test_instances_are_placed(tmp_path, word):
     _, lines = messages_of(tmp_path, "a.gltf", text, unit="m")
     # The third is turned by half a turn about z, and lies at y = 7.
     assert lines == ["read 12 triangles, 3 bodies, 7 x 7 x 3 units, no colours"]
+
+
+def test_colours_of_instances_are_named(tmp_path):
+    attributes = {"TRANSLATION": 2, "_COLOR_0": 2}
+    node = {"extensions": {"EXT_mesh_gpu_instancing": {"attributes": attributes}}}
+    text = gltf(node, extensionsUsed=["EXT_mesh_gpu_instancing"])
+    _, lines = messages_of(tmp_path, "a.gltf", text, unit="m")
+    assert "not read: 1 _COLOR_0 of instances" in lines[0]
 
 
 def test_other_required_extensions_are_refused_and_optional_ones_named(tmp_path):

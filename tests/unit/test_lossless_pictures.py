@@ -8,7 +8,7 @@ from PIL import Image
 from inim.apps.own_picture.depth_values import DepthConvention, interpret_depth
 from inim.apps.own_picture.options import option_defaults
 from inim.apps.own_picture.picture import CameraPicture
-from inim.apps.own_picture.picture_files import read_color, read_depth
+from inim.apps.own_picture.picture_files import DepthFile, read_color, read_depth
 from inim.system.errors import FileError
 
 SHAPE = (6, 8)
@@ -71,6 +71,21 @@ def test_a_renderers_background_is_missing(tmp_path, background):
     assert values.depth[5, 7] == pytest.approx(900)
     is_finite = np.isfinite(background)
     assert any("they are missing" in text for text in values.warnings) == is_finite
+
+
+@pytest.mark.parametrize(
+    ("near", "unit_mm", "is_missing"),
+    [(1000, 1.0, True), (3000, 10.0, True), (40_000, 0.1, False), (1000, 0.0, False)],
+)
+def test_the_largest_number_of_16_bits_is_missing(near, unit_mm, is_missing):
+    """Unless other distances come near it, or the numbers are not distances."""
+    codes = np.full((10, 20), near, np.float32)
+    codes[0, 0] = 65535  # less than 1 % of the picture
+    convention = DepthConvention(unit_mm, near_is_large=unit_mm == 0, has_range=True)
+    values = interpret_depth(DepthFile(codes, 65535), convention, "d.png")
+    assert np.isnan(values.depth[0, 0]) == is_missing
+    assert any("they are missing" in text for text in values.warnings) == is_missing
+    assert not np.isnan(values.depth[1:]).any()
 
 
 def picture(**options):

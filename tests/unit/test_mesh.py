@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from inim.render.meshes.mesh import read_mesh, read_shape
+from inim.render.meshes.mesh import read_mesh, read_shapes
 from inim.render.meshes.ply import write_ply
 from inim.render.meshes.triangle_mesh import Mesh
 from inim.system.errors import FileError
@@ -180,7 +180,7 @@ def test_ply_index_out_of_range_is_refused(tmp_path, index):
     path = placed(tmp_path, "a.ply", tetrahedron_ply(faces=faces))
     assert str(index) in refusal(path)
     with pytest.raises(FileError, match="refers to vertex"):
-        read_shape(path, "ply")
+        read_shapes(path, "ply")
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -273,4 +273,4 @@ def test_files_without_a_surface_are_refused_in_one_line(tmp_path, name, content
 def test_relative_indices_are_read(tmp_path):
     path = placed(tmp_path, "a.obj", OBJ + "f -4 -3 -2\n")
     assert len(read_mesh(path)[0].faces) == 5
-    assert len(read_shape(path, "obj").faces) == 5
+    assert len(read_shapes(path, "obj")[0].faces) == 5

@@ -93,13 +93,13 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
     for number in convention.missing:
         empty |= file.values == np.float32(number)
     warnings = list(file.notes)
-    if file.largest is None and not convention.missing:
-        background = ~empty & ((file.values >= _LEAST_BACKGROUND) | (file.values == _LARGEST_HALF))
+    if not convention.missing and (file.largest is None or is_distance):
+        background = ~empty & _is_background(file, empty)
         if background.any() and not (background | empty).all():
             empty |= background
             number = float(file.values[background].max())
             warnings.append(
-                f"{name}: {background.mean():.1%} of the depths are {number:g}, which renderers "
+                f"{name}: {background.mean():.1%} of the depths are {number:g}, which programs "
                 "write where there is no surface: they are missing; to change that, give --missing"
             )
     depth[empty] = np.nan
@@ -113,7 +113,7 @@ def interpret_depth(file: DepthFile, convention: DepthConvention, name: str) -> 
     if is_distance and not convention.has_range:
         _check_distances(depth, file, convention, name)
     if not convention.missing:
-        saturated = _saturation_warnings(file, name)
+        saturated = _saturation_warnings(file, empty, name)
         warnings += saturated
         if not is_distance and not saturated:  # others were checked
             warnings += _isolated_warnings(depth / scale, name)
@@ -129,10 +129,25 @@ def sample(depth: NDArray[np.float32]) -> NDArray[np.float32]:
     return valid if valid.size else depth[~np.isnan(depth)][:_MOST_SAMPLED]
 
 
-def _saturation_warnings(file: DepthFile, name: str) -> tuple[str, ...]:
+def _is_background(file: DepthFile, empty: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Pixels whose number programs write for "no depth": infinite, or the largest 16-bit number.
+
+    The latter only if no other number reaches half of it.
+    """
+    values = file.values
+    if file.largest is None:
+        background: NDArray[np.bool_] = (values >= _LEAST_BACKGROUND) | (values == _LARGEST_HALF)
+        return background
+    background = values == file.largest
+    others = values[~background & ~empty]
+    is_isolated = file.largest >= _MOST_GREYS and others.max(initial=0) < file.largest / 2
+    return background & is_isolated
+
+
+def _saturation_warnings(file: DepthFile, empty: NDArray[np.bool_], name: str) -> tuple[str, ...]:
     if file.largest is None or file.largest < _MOST_GREYS:
         return ()
-    share = np.count_nonzero(file.values == file.largest) / file.values.size
+    share = np.count_nonzero((file.values == file.largest) & ~empty) / file.values.size
     if share < _SATURATED_SHARE:
         return ()
     return (

@@ -24,6 +24,8 @@ _DECODED = "INIM_decoded"
 _DRACO = "KHR_draco_mesh_compression"
 _TRANSFORM = "KHR_texture_transform"
 _INSTANCES = "EXT_mesh_gpu_instancing"
+# What places an instance; its other attributes, such as _COLOR_0, are not read.
+_PLACES = ("TRANSLATION", "ROTATION", "SCALE")
 _SPECULAR = "KHR_materials_pbrSpecularGlossiness"
 _STRENGTH = "KHR_materials_emissive_strength"
 # Extensions that are read here, or by trimesh.
@@ -160,6 +162,10 @@ def _unread(header: dict[str, Any], primitives: list[dict[str, Any]]) -> Counter
     lost["sets of points or lines"] = sum(
         p.get("mode", _TRIANGLES) < _TRIANGLES for p in primitives
     )
+    for node in header.get("nodes", []):
+        attributes = node.get("extensions", {}).get(_INSTANCES, {}).get("attributes", {})
+        for name in set(attributes) - set(_PLACES):
+            lost[f"{name} of instances"] += 1
     lost["further scenes"] = max(0, len(header.get("scenes", [])) - 1)
     for material in header.get("materials", []):
         is_lit = "emissiveTexture" in material or any(material.get("emissiveFactor", ()))
@@ -212,7 +218,7 @@ def _place_instances(node: dict[str, Any], accessors: Accessors) -> bool:
     if not attributes or "mesh" not in node:
         return False
     header = accessors.header
-    keys = [key for key in ("TRANSLATION", "ROTATION", "SCALE") if key in attributes]
+    keys = [key for key in _PLACES if key in attributes]
     count = header["accessors"][next(iter(attributes.values()))]["count"]
     if count > _MOST_INSTANCES:
         raise ValueError(f"{count} instances of one mesh")

@@ -13,6 +13,7 @@ from inim.display.pixels import MM_PER_INCH
 from inim.render.meshes.obj import read_obj
 from inim.render.meshes.off import read_off
 from inim.render.meshes.ply import is_ply, read_ply
+from inim.render.meshes.serialized import read_serialized
 from inim.render.meshes.triangle_mesh import (
     MESH_SUFFIXES,
     Mesh,
@@ -26,7 +27,6 @@ from inim.system.errors import FileError
 # Millimetres in one unit of length.
 UNIT_MM = {"mm": 1.0, "cm": 10.0, "m": 1000.0, "in": MM_PER_INCH}
 
-_FORMATS_OF_SHAPES = ("ply", "obj")
 # Formats that MeshLab does not read, but Blender does.
 _OF_BLENDER = (".usdz", ".usd", ".usda", ".usdc", ".abc", ".blend")
 
@@ -51,21 +51,24 @@ def read_mesh(
     return _meshes(path, data, mesh_kind(path, data), warn, materials=True)
 
 
-def read_shape(path: Path, plugin: str, warn: Callable[[str], object] = _silent) -> Mesh:
+def read_shapes(
+    path: Path, plugin: str, warn: Callable[[str], object] = _silent
+) -> tuple[Mesh, ...]:
     """Read the mesh file of a scene's shape, without its materials: the scene has its own.
 
-    * `plugin`: Mitsuba's name of the shape, which is that of the format.
+    * `plugin`: Mitsuba's name of the shape, which is that of the format: ply, obj or serialized.
+      Only the last has several meshes, which `shape_index` numbers.
     * `warn`: called with a line if its coordinates are too large for float32.
 
-    Raises `FileError`: as `read_mesh`, and for Mitsuba's `.serialized` format.
+    Raises `FileError`: as `read_mesh`.
     """
-    if plugin not in _FORMATS_OF_SHAPES:
-        raise FileError(f"{path}: {plugin} meshes are not read; export it as PLY")
-    data = read_bytes(path)
-    mesh = _meshes(path, data, plugin, warn, materials=False)[0]
-    if text := coarse_text(mesh.vertices):
-        warn(f"{path}: {text}; `inim new-scene` centres a mesh first")
-    return replace(mesh, vertices=mesh.vertices.astype(np.float32))
+    meshes = _meshes(path, read_bytes(path), plugin, warn, materials=False)
+    for mesh in meshes:
+        if text := coarse_text(mesh.vertices):
+            warn(f"{path}: {text}; `inim new-scene` centres a mesh first")
+    if plugin != "serialized":
+        meshes = meshes[:1]
+    return tuple(replace(mesh, vertices=mesh.vertices.astype(np.float32)) for mesh in meshes)
 
 
 def _meshes(
@@ -77,6 +80,8 @@ def _meshes(
         meshes = read_obj(path, data, warn, materials=materials)
     elif kind == "off":
         meshes = [read_off(path, data, warn)]
+    elif kind == "serialized":
+        meshes = read_serialized(path, data)
     else:
         # Loads in a third of a second, which scenes of plain PLY meshes need not pay.
         from inim.render.meshes.trimesh_reader import read_with_trimesh
@@ -84,6 +89,8 @@ def _meshes(
         meshes = read_with_trimesh(path, data, kind, warn)
     for mesh in meshes:
         check_mesh(path, mesh)
+    if kind == "serialized":  # whose numbers must not change
+        return meshes
     # Of several surfaces, those that are no more than lines show nothing.
     surfaces = [mesh for mesh in meshes if has_area(mesh.vertices, mesh.faces)]
     if not surfaces:

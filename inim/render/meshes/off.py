@@ -42,7 +42,7 @@ def read_off(path: Path, data: bytes, warn: Callable[[str], object]) -> Mesh:
         after = [words[1 + int(words[0]) :] for words in polygons]
         of_faces = _colors(after)
         indices = np.array(corners, np.int64)
-    except (ValueError, OverflowError) as error:
+    except (IndexError, ValueError, OverflowError) as error:
         raise FileError(f"{path}: not a readable off mesh ({error}); export it again") from error
     if len(corners) < counts.sum():
         raise FileError(f"{path}: a face has fewer corners than it declares; export it again")

@@ -9,7 +9,7 @@ import numpy as np
 
 from inim.image.color import srgb_from_linear
 from inim.image.files.picture import read_texture
-from inim.render.meshes.mesh import read_shape
+from inim.render.meshes.mesh import read_shapes
 from inim.render.meshes.splat_ply import SPLAT_SHAPES
 from inim.render.scene_files.file import SceneFile
 
@@ -25,7 +25,9 @@ def file_facts(file: SceneFile) -> dict[str, dict[str, str]]:
     facts: dict[str, dict[str, str]] = {}
     for plugin, path in file.meshes:
         if plugin not in SPLAT_SHAPES:
-            facts[_sha256(file, path)] = {"facts": _box(read_shape(path, plugin).vertices)}
+            meshes = read_shapes(path, plugin)
+            vertices = np.concatenate([mesh.vertices for mesh in meshes])
+            facts[_sha256(file, path)] = {"facts": _box(vertices)}
     for number, path in enumerate(file.pictures):
         picture = _picture(path)
         width, height = picture.size

@@ -45,6 +45,8 @@ _MAX_BYTES = 2**27
 # Colour primaries (ITU-T H.273): those of BT.709, which are sRGB's; unspecified; absent.
 _SRGB_PRIMARIES = (1, 2, None)
 _SAME_SHAPE = 0.02
+# Tag of the list of pictures in the multi-picture format.
+_MPF_ENTRIES = 0xB002
 
 
 @dataclass(frozen=True)
@@ -67,7 +69,7 @@ def read_depth_photo(path: Path) -> DepthPhoto:
     """
     data = read_file(path, _MAX_BYTES)
     if is_heif(data):
-        return _decode_photo(path, *read_heif(path, data), is_upright=True)
+        return _decode_photo(path, data, *read_heif(path, data), is_upright=True)
     if not data.startswith(MAGIC):
         raise FileError(
             f"{path}: neither HEIC nor JPEG; other pictures have no depth inside: add --depth "
@@ -75,7 +77,7 @@ def read_depth_photo(path: Path) -> DepthPhoto:
         )
     depth = read_jpeg_depth(path, data)
     with open_picture(path, ("JPEG",), 1, data=data) as picture:
-        return _decode_photo(path, picture, read_exif(picture), depth, is_upright=False)
+        return _decode_photo(path, data, picture, read_exif(picture), depth, is_upright=False)
 
 
 def read_photo_srgb(path: Path) -> NDArray[np.uint8]:
@@ -91,6 +93,7 @@ def read_photo_srgb(path: Path) -> NDArray[np.uint8]:
 
 def _decode_photo(
     path: Path,
+    data: bytes,
     picture: Any,
     exif: tuple[int, float],
     depth: EmbeddedDepth | None,
@@ -98,6 +101,11 @@ def _decode_photo(
     is_upright: bool,
 ) -> DepthPhoto:
     if depth is None:
+        if is_stereo(data, picture):
+            raise FileError(
+                f"{path}: a spatial photograph: it contains a left and a right picture, which inim "
+                "does not compare, and no depth; add --depth FILE or --estimate-depth MODEL"
+            )
         raise FileError(
             f"{path}: no depth inside (HEIC, dynamic depth, GDepth or Apple's disparity); use the "
             "original file of a portrait photograph, or add --estimate-depth MODEL"
@@ -162,6 +170,19 @@ _INVERSE, _DISPARITY, _DISTANCE = range(3)
 def is_heif(data: bytes) -> bool:
     """True if the content is HEIC or HEIF."""
     return data[4:8] == b"ftyp" and data[8:12] in _BRANDS
+
+
+def is_stereo(data: bytes, picture: Any) -> bool:
+    """True for a spatial photograph: a stereo pair in HEIF or in the multi-picture format.
+
+    * `data`, `picture`: content of the file, and Pillow's picture of it.
+    """
+    if is_heif(data):  # ISO/IEC 14496-12: a group of the type `ster` in the box `grpl`
+        start = data.find(b"grpl")
+        length = int.from_bytes(data[max(start - 4, 0) : max(start, 0)], "big")
+        return start >= 0 and b"ster" in data[start : start - 4 + length]
+    entries = getattr(picture, "mpinfo", {}).get(_MPF_ENTRIES, ())  # CIPA DC-007
+    return any(entry["Attribute"]["MPType"].endswith("(Disparity)") for entry in entries)
 
 
 def read_heif(path: Path, data: bytes) -> tuple[Any, tuple[int, float], EmbeddedDepth | None]:
