@@ -16,6 +16,17 @@ GROUPS = (FIRST, OWN, COMPARISONS, INFORMATION, DEVELOPERS)
 #: the modules below the folder, and documents with their classes in the folder's `document.py`.
 APPS: dict[str, dict[str, dict[str, str]]] = {
     "bench": {"commands": {"bench": DEVELOPERS}, "documents": {"bench": "BenchDocument"}},
+    "benchmark": {
+        "commands": {"benchmark": COMPARISONS},
+        "documents": {
+            "benchmark_input": "InputDocument",
+            "benchmark_case": "CaseDocument",
+            "submission": "SubmissionDocument",
+            "benchmark_result": "ResultDocument",
+            "benchmark_board": "BoardDocument",
+            "benchmark_statistics": "StatisticsDocument",
+        },
+    },
     "export": {"commands": {"view": FIRST, "export": OWN}, "functions": {"export": ".export"}},
     "inspect": {
         "commands": {"inspect": OWN},

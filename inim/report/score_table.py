@@ -6,7 +6,7 @@ import csv
 import io
 import math
 from collections import defaultdict
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -108,20 +108,32 @@ class ScoreTable:
             )
             for v in views
         }
-        lines = [
-            rf"\begin{{tabular}}{{l{'r' * len(views)}}}",
-            r"\toprule",
-            " & ".join(["algorithm", *(head.translate(_LATEX) for head in heads)]) + r" \\",
-            r"\midrule",
-        ]
+        rows = []
         for name in names:
-            row = [name.translate(_LATEX)]
+            row = [latex_text(name)]
             for view in views:
                 text = _latex_cell(cells[name, view], score, digits)
                 is_best = best[view] is not None and cells[name, view][score] == best[view]
                 row.append(rf"\textbf{{{text}}}" if is_best else text)
-            lines.append(" & ".join(row) + r" \\")
-        return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
+            rows.append(row)
+        return latex_table(["algorithm", *map(latex_text, heads)], rows)
+
+
+def latex_text(text: str) -> str:
+    """Plain text as LaTeX."""
+    return text.translate(_LATEX)
+
+
+def latex_table(heads: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """A LaTeX table for the package booktabs, of cells in LaTeX."""
+    lines = [
+        rf"\begin{{tabular}}{{l{'r' * (len(heads) - 1)}}}",
+        r"\toprule",
+        " & ".join(heads) + r" \\",
+        r"\midrule",
+        *(" & ".join(row) + r" \\" for row in rows),
+    ]
+    return "\n".join([*lines, r"\bottomrule", r"\end{tabular}", ""])
 
 
 def named_relics(reports: Report | Sequence[Report]) -> dict[str, Report]:

@@ -1,7 +1,8 @@
 """The pages of a bench, of a stress run, and of studies written with the same functions."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+import base64
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,11 +11,13 @@ from inim.report.page import (
     bullets,
     document_page,
     element,
+    folded,
     how_to_reproduce,
     lead,
     saved_plot,
     text,
     text_table,
+    void,
 )
 from inim.report.plots import save
 from inim.report.summary import markdown_command, markdown_line, markdown_section
@@ -31,6 +34,28 @@ class Table:
 
 
 @dataclass(frozen=True)
+class Fold:
+    """Tables and PNG pictures, by caption, that the page shows after a click on their title."""
+
+    title: str
+    tables: Sequence[Table] = ()
+    pictures: Mapping[str, Path] = field(default_factory=dict)
+
+    def html(self) -> str:
+        """The folded part of the page."""
+        tables = (text_table(t.caption, t.heads, t.rows, "numbers") for t in self.tables)
+        return folded(text(self.title), *tables, *map(_picture, self.pictures.items()))
+
+
+def _picture(item: tuple[str, Path]) -> str:
+    """A captioned picture, embedded."""
+    caption, path = item
+    source = f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+    image = void("img", src=source, alt=caption, loading="lazy")
+    return element("figure", image, element("figcaption", text(caption)), class_="small")
+
+
+@dataclass(frozen=True)
 class PagePart:
     """A part of the page of a bench, a stress run or a study.
 
@@ -38,6 +63,7 @@ class PagePart:
     * `plot`: the plot's files are ``PLOT.svg`` and ``PLOT.png``.
     * `remarks`: how it was measured; shown among the page's conditions.
     * `claims`, (str, sequence of str): a heading and sentences below it; none if empty.
+    * `folds`: further tables and pictures, each shown after a click.
     """
 
     name: str
@@ -48,6 +74,12 @@ class PagePart:
     figure: Any = None
     remarks: Sequence[str] = ()
     claims: tuple[str, Sequence[str]] = ("", ())
+    folds: Sequence[Fold] = ()
+
+    @property
+    def all_tables(self) -> list[Table]:
+        """Its tables, and those of its folds."""
+        return [*self.tables, *(table for fold in self.folds for table in fold.tables)]
 
 
 @dataclass(frozen=True)
@@ -83,7 +115,7 @@ class StudyPage:
         blocks = [f"## {markdown_line(data.title)}", markdown_line(", ".join(self.facts))]
         blocks += [f"⚠ {markdown_line(warning)}" for warning in self.warnings]
         blocks.append(_join_lines(self.remarks))
-        for table in (table for part in self.parts for table in part.tables if table.rows):
+        for table in (table for part in self.parts for table in part.all_tables if table.rows):
             blocks.append(markdown_section(table.caption, table.heads, table.rows))
         for heading, lines in (part.claims for part in self.parts if part.claims[1]):
             blocks += [f"### {markdown_line(heading)}", _join_lines(lines)]
@@ -100,6 +132,7 @@ class StudyPage:
             body += "".join(
                 text_table(t.caption, t.heads, t.rows, "numbers") for t in part.tables if t.rows
             )
+            body += "".join(fold.html() for fold in part.folds)
             sections.append(Section(part.name, part.title, body and lead(part.lead) + body))
         sections.append(how_to_reproduce(data))
         return document_page(data, file, map(text, self.facts), sections)

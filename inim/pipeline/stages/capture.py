@@ -252,12 +252,29 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, ...]:
     The cameras see along rays of the display: the corners of the arrangement along those of the
     corner pixels of an elemental image.
     """
+    parts: list[list[CameraRGBD]] = [[] for _ in range(split_samples(camera.rounds[-1])[0])]
+    for name, slopes, pictures in camera_pictures(camera, views):
+        place = Camera.orthographic(slopes, camera.shape, camera.pixel_mm)
+        for part, picture in zip(parts, pictures, strict=True):
+            depth = np.where(picture.covered, picture.depth_mm, np.inf)
+            part.append(CameraRGBD(picture.color.astype(np.float32), depth, place, name))
+    colourings = [CameraRGBDs(tuple(part)) for part in parts]
+    return tuple(merge_colourings(colourings, camera.scene.display, camera.pixels_per_pitch))
+
+
+def camera_pictures(
+    camera: DepthCamera, views: str
+) -> Iterator[tuple[str, tuple[float, float], tuple[RGBD, ...]]]:
+    """Capture the pictures of an arrangement of cameras.
+
+    Yields the camera's name, the slopes of its rays to the right and upwards, and the independent
+    parts of its picture.
+    """
     from inim.render.ground_truth import capture_parts
 
     display = camera.scene.display
     half_pixel = display.pixel_pitch_mm / (2 * display.gap_mm)
     right, up = (max(slope - half_pixel, 0.0) for slope in display.layout.outward_slopes())
-    parts: list[list[CameraRGBD]] = [[] for _ in range(split_samples(camera.rounds[-1])[0])]
     for number, (x, y) in enumerate(camera_directions(views)):
         slopes = x * right, y * up
         pictures = capture_parts(
@@ -269,14 +286,7 @@ def capture_cameras(camera: DepthCamera, views: str) -> tuple[RGBD, ...]:
             **last_round(camera.rounds),
             **camera.scene.render_options,
         )
-        place = Camera.orthographic(slopes, camera.shape, camera.pixel_mm)
-        for part, picture in zip(parts, pictures, strict=True):
-            depth = np.where(picture.covered, picture.depth_mm, np.inf)
-            part.append(
-                CameraRGBD(picture.color.astype(np.float32), depth, place, f"camera {x:+g} {y:+g}")
-            )
-    colourings = [CameraRGBDs(tuple(part)) for part in parts]
-    return tuple(merge_colourings(colourings, display, camera.pixels_per_pitch))
+        yield f"camera {x:+g} {y:+g}", slopes, pictures
 
 
 @stage(

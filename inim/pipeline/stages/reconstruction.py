@@ -1,7 +1,7 @@
 """Reconstructed views of an EIA, and the panel pixels that they depend on."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any
@@ -77,6 +77,43 @@ class DisplayViews:
             bits, self._matrices[eye.name] = _trace_view(optics, renderer, eye, run=run)
             self._masks[eye.name] = np.unpackbits(bits, count=rows * columns).astype(bool)
         self.observed = np.any([*self._masks.values()], axis=0).reshape(rows, columns)
+
+    def to_arrays(self) -> dict[str, np.ndarray]:
+        """The matrices and their panel pixels, by name, for `from_arrays`."""
+        arrays = {f"{name} pixels": np.packbits(mask) for name, mask in self._masks.items()}
+        for name, matrices in self._matrices.items():
+            for number, matrix in enumerate(matrices):
+                for part, values in zip(("values", "columns", "rows"), matrix, strict=True):
+                    arrays[f"{name} matrix {number} {part}"] = values
+        return arrays
+
+    @classmethod
+    def from_arrays(
+        cls,
+        viewpoints: Sequence[Viewpoint],
+        optics: Optics,
+        renderer: Renderer,
+        arrays: Mapping[str, np.ndarray],
+    ) -> "DisplayViews":
+        """Views whose matrices were stored by `to_arrays`; the renderer is not used."""
+        views = cls.__new__(cls)
+        views.viewpoints, views.optics, views.renderer = viewpoints, optics, renderer
+        rows, columns = optics.display.eia_shape
+        views._masks, views._matrices = {}, {}
+        for eye in viewpoints:
+            bits = arrays[f"{eye.name} pixels"]
+            views._masks[eye.name] = np.unpackbits(bits, count=rows * columns).astype(bool)
+            count = sum(key.startswith(f"{eye.name} matrix") for key in arrays) // 3
+            views._matrices[eye.name] = [
+                (
+                    arrays[f"{eye.name} matrix {number} values"],
+                    arrays[f"{eye.name} matrix {number} columns"],
+                    arrays[f"{eye.name} matrix {number} rows"],
+                )
+                for number in range(count)
+            ]
+        views.observed = np.any([*views._masks.values()], axis=0).reshape(rows, columns)
+        return views
 
     def cache_key(self) -> dict[str, Any]:
         """Return all values that affect a view of an EIA, except the viewpoint."""

@@ -1,0 +1,1 @@
+"""inim-bench: a benchmark of algorithms for elemental images."""

@@ -1,0 +1,174 @@
+"""Definition of inim-bench 1: relics, displays, tracks, viewpoints, samples and seeds.
+
+A case is a relic on a display. Cases have the same inputs and the same truth on every machine, up
+to the noise of the renderer. Any change here changes the scores: it needs a new `PROTOCOL`.
+"""
+
+import hashlib
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from inim.display import Display, Viewpoint
+from inim.display.misalignment import one_pixel_errors
+from inim.display.viewpoint import zone_eyes
+from inim.system.errors import FileError, UsageError, suggest_words
+from inim.system.files import read_file
+
+#: Name and version of the benchmark: part of every submission and result.
+PROTOCOL = "inim-bench-1.0"
+#: Inputs of an algorithm, by track.
+TRACKS = {
+    "rgbd": "one RGB-D picture",
+    "cameras": "five RGB-D pictures: the centre and the corners of the viewing zone",
+    "mesh": "the relic's mesh, textures and lights",
+    "blind": "one RGB-D picture; the array deviates from its design by an unknown amount",
+}
+DISPLAYS = {
+    "sheet": Display(
+        pitch_mm=1.0, focal_length_mm=3.0, gap_mm=3.3, pixel_pitch_mm=1 / 16, lens_columns=24,
+        lens_rows=24, name="sheet",
+    ),
+    "phone": Display(
+        pitch_mm=1.0, focal_length_mm=3.0, gap_mm=3.3, pixel_pitch_mm=0.0637, lens_columns=30,
+        lens_rows=20, name="phone",
+    ),
+    "lenticular": Display(
+        lattice="lenticular", pitch_mm=0.5, focal_length_mm=0.75, gap_mm=0.75,
+        pixel_pitch_mm=0.075, lens_columns=80, lens_rows=1, panel_columns=540, panel_rows=400,
+        depth_min_mm=-10.0, depth_max_mm=10.0, rotation_deg=-9.462322, subpixels="rgb-stripe",
+        name="lenticular",
+    ),
+}  # fmt: skip
+#: Cameras of the track `cameras`; see `inim.image.rgbd.camera_directions`.
+CAMERAS = "5"
+# Rows and columns of viewpoints, by whether the display has horizontal parallax only.
+_EYES = {False: (3, 3), True: (1, 9)}
+
+
+class Scan(NamedTuple):
+    """A scanned mesh that the project does not contain; it stands upright along y."""
+
+    file: str
+    sha256: str
+
+
+@dataclass(frozen=True)
+class Relic:
+    """A relic of the benchmark; `scan` is None for those of the project's folder `scenes`."""
+
+    name: str
+    source: str
+    licence: str
+    scan: Scan | None = None
+
+    def mesh(self, folder: Path | None) -> Path:
+        """The scan in a folder; raises `FileError` if it is missing or has another content."""
+        assert self.scan is not None
+        if folder is None:
+            raise UsageError(f"--scans: needs the folder with {self.scan.file} ({self.source})")
+        path = folder / self.scan.file
+        if hashlib.sha256(read_file(path, 2**28)).hexdigest() != self.scan.sha256:
+            raise FileError(f"{path}: is another version; its SHA-256 must be {self.scan.sha256}")
+        return path
+
+
+_THREE_D_SCANS = "Three D Scans, github.com/keijiro/ThreeDScans"
+_UNRESTRICTED = "not copyrighted, use without restriction"
+_OWN = "this project, scenes/"
+RELICS = {
+    relic.name: relic
+    for relic in (
+        *(
+            Relic(name, _OWN, "BSD-3-Clause")
+            for name in ("amphora", "jade", "ibex", "altar", "tripod", "wine_coin")
+        ),
+        *(
+            Relic(name.lower(), _THREE_D_SCANS, _UNRESTRICTED, Scan(f"{name}.ply", sha256))
+            for name, sha256 in (
+                ("Athena", "14a1bf40b76d2a5704df53bb2cdb45c9eb6258d0a8468802641a1a37fabcb0a7"),
+                ("Hermes", "1d5114bdbfeaa67de46e6e4f77d919f3d5c76d8df83eda5d8329078c7a3569b6"),
+                ("Column03", "725955000b31c93b5a2f753e9d01fb0e272a49e1ff63370ce9689914b8dccbf8"),
+            )
+        ),
+        Relic(
+            "demosthenes", "Louvre bust, github.com/odedstein/meshes", "CC BY 4.0, Oded Stein",
+            Scan(
+                "oded_demosthenes-low-res.obj",
+                "52ebee44fc09a0da440e2b3608d791925b2db90175fbb0c06a7d2b56cc4468af",
+            ),
+        ),
+    )
+}  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Case:
+    """A relic on a display."""
+
+    relic: Relic
+    display_name: str
+
+    @property
+    def name(self) -> str:
+        """Name of the case, and of its files in a submission."""
+        return f"{self.relic.name}-{self.display_name}"
+
+    @property
+    def display(self) -> Display:
+        """The display as designed."""
+        return DISPLAYS[self.display_name]
+
+    @property
+    def viewpoints(self) -> list[Viewpoint]:
+        """Nine viewpoints, spread over the viewing zone."""
+        rows, columns = _EYES[self.display.layout.of_cylinders]
+        return zone_eyes(self.display, columns, rows=rows)
+
+    def misalignment(self, seed: int) -> dict[str, float]:
+        """Deviations of the array in the track `blind`: by up to one panel pixel each.
+
+        Uniformly distributed errors of pitch, gap and rotation; see `one_pixel_errors`.
+        """
+        limits = one_pixel_errors(self.display)
+        digest = hashlib.sha256(f"{PROTOCOL} {self.name} {seed}".encode()).digest()
+        rng = np.random.default_rng(list(digest))
+        kinds = ("pitch_mm", "gap_mm", "rotation_deg")
+        return {kind: float(rng.uniform(-1, 1)) * limits[kind] for kind in kinds}
+
+
+#: Cases by tier.
+TIERS = {
+    "small": ("amphora-sheet", "jade-phone", "altar-sheet", "ibex-lenticular"),
+    "full": tuple(f"{relic}-{display}" for relic in RELICS for display in DISPLAYS),
+}
+_ARRAY = {"capture_pixels_per_pitch": 5, "view_pixels_per_lens": 4}
+_CYLINDERS = {"capture_pixels_per_pitch": 3, "view_pixels_per_lens": 1}
+#: Settings by display. With these samples per pixel, the interval of a headline score is at most
+#: 0.005 to either side.
+CONDITIONS: dict[str, dict[str, Any]] = {
+    name: {"lens_model": "thick", "reconstruction_spp": 64, "fit_share": 0.9, **settings}
+    for name, settings in {
+        "sheet": {**_ARRAY, "capture_spp": 256, "eia_spp": 256, "view_spp": 256},
+        "phone": {**_ARRAY, "capture_spp": 256, "eia_spp": 256, "view_spp": 256},
+        "lenticular": {**_CYLINDERS, "capture_spp": 128, "eia_spp": 64, "view_spp": 256},
+    }.items()
+}
+#: Public seeds: of the renderer's noise, and of the deviations in the track `blind`.
+SEED, BLIND_SEED = 1, 1
+
+
+def case_of(name: str) -> Case:
+    """The case of a name; raises `UsageError` for another."""
+    relic, _, display = name.rpartition("-")
+    if name not in TIERS["full"]:
+        raise UsageError(f"case {name!r}: {suggest_words(name, TIERS['full'])}")
+    return Case(RELICS[relic], display)
+
+
+def cases_of(tier: str) -> Iterator[Case]:
+    """The cases of a tier."""
+    return map(case_of, TIERS[tier])
