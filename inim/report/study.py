@@ -1,6 +1,7 @@
 """The pages of a bench, of a stress run, and of studies written with the same functions."""
 
 import base64
+import io
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -22,6 +23,9 @@ from inim.report.page import (
 from inim.report.plots import save
 from inim.report.summary import markdown_command, markdown_line, markdown_section
 from inim.system.document import write_listed
+
+# Of embedded pictures, 0 to 100.
+_QUALITY = 90
 
 
 @dataclass(frozen=True)
@@ -48,9 +52,14 @@ class Fold:
 
 
 def _picture(item: tuple[str, Path]) -> str:
-    """A captioned picture, embedded."""
+    """A captioned picture, embedded as WebP, which takes a fifth of the bytes of PNG."""
+    from PIL import Image
+
     caption, path = item
-    source = f"data:image/png;base64,{base64.b64encode(path.read_bytes()).decode('ascii')}"
+    stream = io.BytesIO()
+    with Image.open(path) as picture:
+        picture.save(stream, "WEBP", quality=_QUALITY)
+    source = f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
     image = void("img", src=source, alt=caption, loading="lazy")
     return element("figure", image, element("figcaption", text(caption)), class_="small")
 

@@ -13,9 +13,10 @@ from PIL import Image
 
 from inim.apps.benchmark import definition, score
 from inim.apps.benchmark.board import entries_of, read_results, write_board
-from inim.apps.benchmark.definition import CONDITIONS, DISPLAYS, PROTOCOL, TIERS, case_of
+from inim.apps.benchmark.definition import CONDITIONS, DISPLAYS, TIERS, case_of
 from inim.apps.benchmark.document import SubmissionDocument
 from inim.apps.benchmark.make import MANIFEST, CaseJob, run_job
+from inim.apps.benchmark.protocol import PROTOCOL
 from inim.apps.benchmark.published import differs
 from inim.apps.benchmark.run import RunJob
 from inim.apps.benchmark.run import run_job as run_algorithm_job
@@ -61,7 +62,7 @@ def submission_of(suite, algorithm, folder):
 
 
 def scored(suite, folder, out):
-    """Whether a submission passes, and what is said of it."""
+    """True if a submission passes, and the lines printed."""
     observer = Lines()
     out.mkdir(parents=True, exist_ok=True)
     passed = score.run_job(plan_scores(suite, folder, as_is=False), out, observer)
@@ -94,7 +95,7 @@ def test_the_truth_scores_one_and_is_recognised(suite):
 
 
 def test_the_rays_pass_the_lens_centres_of_their_pixels(suite):
-    """For a whole number of pixels per lens, a pixel's lens follows from its column and row."""
+    """The lens of a pixel follows from its column and row if a lens has 16 pixels."""
     channels = read_exr_channels(suite / "altar-sheet" / "input" / "rays.exr")
     columns = np.arange(160)
     centre = columns // 16 - 4.5
@@ -124,9 +125,9 @@ def test_a_point_has_one_place_in_all_pictures(suite):
         row = np.rint((rows - 1) / 2 - (y - picture["up"] * z) / document["pixel_mm"])
         inside = (column >= 0) & (column < columns) & (row >= 0) & (row < rows)
         row, column = row[inside].astype(int), column[inside].astype(int)
-        seen = alpha[row, column] > 0
-        assert seen.mean() > 0.9  # a rim of a pixel is a twentieth of it
-        behind = z[inside][seen] - depth[row, column][seen]
+        is_covered = alpha[row, column] > 0
+        assert is_covered.mean() > 0.9  # a rim of a pixel is a twentieth of it
+        behind = z[inside][is_covered] - depth[row, column][is_covered]
         # The range is 40 mm deep; pixels of steep surfaces differ by more.
         assert np.median(np.abs(behind)) < 1
         assert (behind < 4).mean() > 0.97
@@ -296,9 +297,9 @@ def test_a_made_case_is_kept_unless_its_inputs_change(suite):
 
 
 def test_statistics_tell_scenes_apart_but_not_seeds(suite):
-    one, other = (case.manifest.statistics for case in made_cases(suite))
-    assert not differs(one["eia"], one["eia"], 1e-3)
-    assert differs(one["eia"], other["eia"], 1e-3)
+    statistics, others = (case.manifest.statistics for case in made_cases(suite))
+    assert not differs(statistics["eia"], statistics["eia"], 1e-3)
+    assert differs(statistics["eia"], others["eia"], 1e-3)
 
 
 def test_the_board_lists_entries_best_first_with_differences(suite, template, tmp_path):
@@ -327,7 +328,7 @@ def test_the_board_lists_entries_best_first_with_differences(suite, template, tm
     write_board(folder, out, "inim benchmark board")
     page, table = (out / "board.html").read_text(), (out / "board.tex").read_text()
     assert "Track rgbd" in page
-    assert "data:image/png" in page
+    assert "data:image/webp" in page
     assert table.startswith(f"% Scores by {PROTOCOL}")
     assert r"\toprule" in table
     assert (out / "time-rgbd.svg").is_file()

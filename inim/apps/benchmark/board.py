@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from inim.apps.benchmark.definition import PROTOCOL, RELICS, TRACKS, case_of
+from inim.apps.benchmark.definition import RELICS, case_of
 from inim.apps.benchmark.document import (
     BoardDocument,
     BoardEntry,
@@ -16,8 +16,10 @@ from inim.apps.benchmark.document import (
     ViewScores,
 )
 from inim.apps.benchmark.make import OPTIMAL
+from inim.apps.benchmark.protocol import PROTOCOL, TRACKS
 from inim.apps.benchmark.run import OPTIMAL_BLIND
 from inim.apps.benchmark.score import RESULT
+from inim.apps.benchmark.submission import check_name
 from inim.report import plots
 from inim.report.labels import number, per_cent, precise
 from inim.report.score_table import latex_table, latex_text
@@ -28,6 +30,7 @@ from inim.system.document import decode, encode, read_document, write_text
 from inim.system.errors import FileError
 from inim.system.worker.output import output_files
 
+_VIEWS = "the reference above, the entry below; from a corner of the viewing zone, and the middle"
 _PLOTS = tuple(f"time-{track}.{kind}" for track in TRACKS for kind in ("svg", "png"))
 FILES = ("board.json", "board.html", "board.md", "board.tex", *_PLOTS)
 _OPTIMA = {True: OPTIMAL_BLIND, False: OPTIMAL}
@@ -221,6 +224,8 @@ def _remarks(data: BoardDocument) -> list[str]:
         data.citation,
         f"Headline: {HEADLINE_WORDS}. Sides are the viewpoints apart from the middle one.",
         "Differences to the best are means over relics, with Student's 95 % interval.",
+        f"{OPTIMAL}: its views come closest to the scene, not to the reference; it is the bound of "
+        "what is possible.",
         "Run times are those of each submission's hardware, and comparable on one machine only.",
         *copies,
         *relics,
@@ -243,20 +248,18 @@ def _part(data: BoardDocument, track: str, suite: Path) -> PagePart:
         ]  # fmt: skip
         table = Table(f"{track}: headline by {heading}", ["algorithm", *groups], rows)
         folds.append(Fold(f"By {heading}", (table,)))
-    for case in cases:
-        paths = {name: suite / "results" / _folder(name) / "views" / track / f"{case}.png"
-                 for name in names}  # fmt: skip
-        pictures = {name: path for name, path in paths.items() if path.is_file()}
-        if track in ("rgbd", "cameras"):
-            folds.append(Fold(
-                f"Views of {case}: the reference above, the entry below; corner and middle", (),
-                pictures,
-            ))  # fmt: skip
+    for case in {_relic(case): case for case in reversed(cases)}.values():
+        views = {
+            name: suite / "results" / check_name(name) / "views" / track / f"{case}.png"
+            for name in names
+        }
+        pictures = {name: path for name, path in views.items() if path.is_file()}
+        folds.append(Fold(f"Views of {case}: {_VIEWS}", (), pictures))
     timed = [entry for entry in entries if entry.ms_per_megapixel is not None]
-    figure = _draw(timed) if timed else None
+    figure = _draw(timed) if len(timed) > 1 else None
     table = Table(f"{track}: {TRACKS[track]}", _HEADS, [_row(entry) for entry in entries])
     return PagePart(
-        track, f"Track {track}", f"{TRACKS[track].capitalize()}. Best first.", [table],
+        track, f"Track {track}", f"{TRACKS[track][0].upper()}{TRACKS[track][1:]}. Best first.", [table],
         plot=f"time-{track}", figure=figure, folds=folds,
     )  # fmt: skip
 
@@ -267,12 +270,6 @@ def _relic(case: str) -> str:
 
 def _display(case: str) -> str:
     return case_of(case).display_name
-
-
-def _folder(name: str) -> str:
-    from inim.apps.benchmark.submission import check_name
-
-    return check_name(name)
 
 
 def _draw(entries: Sequence[BoardEntry]) -> Any:

@@ -4,7 +4,7 @@ import argparse
 from pathlib import Path
 from typing import Any
 
-from inim.apps.benchmark.definition import BLIND_SEED, PROTOCOL, SEED, TIERS, TRACKS
+from inim.apps.benchmark.protocol import BLIND_SEED, PROTOCOL, SEED, TIER_NAMES, TRACKS
 from inim.pipeline.options import Command, add_shared, finish, print_lines
 
 _SUITE = Path(PROTOCOL)
@@ -29,7 +29,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
     make = task("make", "Render the cases of a tier; those that exist are kept.", _make)
     make.add_argument(
-        "--tier", choices=TIERS, default="small", help="cases to render (default: small, four)"
+        "--tier", choices=TIER_NAMES, default="small", help="cases to render (default: small, four)"
     )
     make.add_argument("--case", action="append", default=[], dest="names", help="only these cases")
     make.add_argument(

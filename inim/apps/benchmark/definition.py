@@ -12,21 +12,13 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Display, Viewpoint
 from inim.display.misalignment import one_pixel_errors
 from inim.display.viewpoint import zone_eyes
 from inim.system.errors import FileError, UsageError, suggest_words
 from inim.system.files import read_file
 
-#: Name and version of the benchmark: part of every submission and result.
-PROTOCOL = "inim-bench-1.0"
-#: Inputs of an algorithm, by track.
-TRACKS = {
-    "rgbd": "one RGB-D picture",
-    "cameras": "five RGB-D pictures: the centre and the corners of the viewing zone",
-    "mesh": "the relic's mesh, textures and lights",
-    "blind": "one RGB-D picture; the array deviates from its design by an unknown amount",
-}
 DISPLAYS = {
     "sheet": Display(
         pitch_mm=1.0, focal_length_mm=3.0, gap_mm=3.3, pixel_pitch_mm=1 / 16, lens_columns=24,
@@ -49,7 +41,7 @@ CAMERAS = "5"
 _EYES = {False: (3, 3), True: (1, 9)}
 
 
-class Scan(NamedTuple):
+class ScannedMesh(NamedTuple):
     """A scanned mesh that the project does not contain; it stands upright along y."""
 
     file: str
@@ -63,7 +55,7 @@ class Relic:
     name: str
     source: str
     licence: str
-    scan: Scan | None = None
+    scan: ScannedMesh | None = None
 
     def mesh(self, folder: Path | None) -> Path:
         """The scan in a folder; raises `FileError` if it is missing or has another content."""
@@ -87,7 +79,7 @@ RELICS = {
             for name in ("amphora", "jade", "ibex", "altar", "tripod", "wine_coin")
         ),
         *(
-            Relic(name.lower(), _THREE_D_SCANS, _UNRESTRICTED, Scan(f"{name}.ply", sha256))
+            Relic(name.lower(), _THREE_D_SCANS, _UNRESTRICTED, ScannedMesh(f"{name}.ply", sha256))
             for name, sha256 in (
                 ("Athena", "14a1bf40b76d2a5704df53bb2cdb45c9eb6258d0a8468802641a1a37fabcb0a7"),
                 ("Hermes", "1d5114bdbfeaa67de46e6e4f77d919f3d5c76d8df83eda5d8329078c7a3569b6"),
@@ -96,7 +88,7 @@ RELICS = {
         ),
         Relic(
             "demosthenes", "Louvre bust, github.com/odedstein/meshes", "CC BY 4.0, Oded Stein",
-            Scan(
+            ScannedMesh(
                 "oded_demosthenes-low-res.obj",
                 "52ebee44fc09a0da440e2b3608d791925b2db90175fbb0c06a7d2b56cc4468af",
             ),
@@ -106,7 +98,7 @@ RELICS = {
 
 
 @dataclass(frozen=True)
-class Case:
+class BenchmarkCase:
     """A relic on a display."""
 
     relic: Relic
@@ -157,18 +149,16 @@ CONDITIONS: dict[str, dict[str, Any]] = {
         "lenticular": {**_CYLINDERS, "capture_spp": 128, "eia_spp": 64, "view_spp": 256},
     }.items()
 }
-#: Public seeds: of the renderer's noise, and of the deviations in the track `blind`.
-SEED, BLIND_SEED = 1, 1
 
 
-def case_of(name: str) -> Case:
+def case_of(name: str) -> BenchmarkCase:
     """The case of a name; raises `UsageError` for another."""
     relic, _, display = name.rpartition("-")
     if name not in TIERS["full"]:
         raise UsageError(f"case {name!r}: {suggest_words(name, TIERS['full'])}")
-    return Case(RELICS[relic], display)
+    return BenchmarkCase(RELICS[relic], display)
 
 
-def cases_of(tier: str) -> Iterator[Case]:
+def cases_of(tier: str) -> Iterator[BenchmarkCase]:
     """The cases of a tier."""
     return map(case_of, TIERS[tier])

@@ -85,17 +85,17 @@ class Undone(NamedTuple):
 def content_mistakes(judged: Sequence[Judged]) -> list[str]:
     """Sentences on mistakes in the content of EIAs, each with its remedy."""
     mistakes = _clipped(judged)
-    found: dict[tuple[str, str], dict[str, Undone]] = {}
+    undone_by_mistake: dict[tuple[str, str], dict[str, Undone]] = {}
     for case in judged:
         if _is_clipped(case):
             continue
         error = _error_db(case.eia, case.truth)
         best = max(_inverses(case, error), key=lambda undone: undone.gain_db)
         if best.gain_db >= _LEAST_GAIN_DB:
-            found.setdefault((best.mistake, best.remedy), {})[case.case] = best
+            undone_by_mistake.setdefault((best.mistake, best.remedy), {})[case.case] = best
         else:
             mistakes += _unlike(case, error, judged)
-    for (mistake, remedy), cases in found.items():
+    for (mistake, remedy), cases in undone_by_mistake.items():
         gain = sum(undone.gain_db for undone in cases.values()) / len(cases)
         first = next(iter(cases))
         more = f", and {len(cases) - 1} more" * (len(cases) > 1)

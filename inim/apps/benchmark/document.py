@@ -60,7 +60,10 @@ class Statistic(Part):
 
 
 class StatisticsDocument(Document, tag="inim.benchmark-statistics/1"):
-    """Statistics of the published suite, which other machines compare theirs with."""
+    """Statistics of the published suite.
+
+    Other machines compare their suite with it; see `inim benchmark check`.
+    """
 
     protocol: Protocol
     #: Statistics by case, then as in `case.json`.
@@ -68,7 +71,10 @@ class StatisticsDocument(Document, tag="inim.benchmark-statistics/1"):
 
 
 class CaseDocument(Document, tag="inim.benchmark-case/1"):
-    """Manifest of a case of the benchmark: `case.json`."""
+    """Manifest of a case of the benchmark.
+
+    `case.json` in the folder of a case: its seeds, samples, files and statistics.
+    """
 
     protocol: Protocol
     case: str  #: Name of the case.
@@ -82,7 +88,10 @@ class CaseDocument(Document, tag="inim.benchmark-case/1"):
 
 
 class SubmissionDocument(Document, tag="inim.submission/1"):
-    """A submission to the benchmark: `submission.json` next to one picture for each case."""
+    """A submission to the benchmark.
+
+    `submission.json` next to one picture for each case, `CASE.png` or `CASE.exr`.
+    """
 
     protocol: Protocol
     name: str  #: Name of the algorithm with its options.
@@ -108,7 +117,10 @@ class ViewScores(Part):
 
 
 class ResultDocument(Document, tag="inim.benchmark-result/1"):
-    """Scores of a submission."""
+    """Scores of a submission to the benchmark.
+
+    `result.json` in the folder of `inim benchmark score`.
+    """
 
     protocol: Protocol
     submission: SubmissionDocument
@@ -142,7 +154,10 @@ class BoardEntry(Part):
 
 
 class BoardDocument(TitledDocument, tag="inim.benchmark-board/1"):
-    """The board of the benchmark."""
+    """Board of the benchmark.
+
+    `board.json` in the folder of `inim benchmark board`: all scored submissions, best first.
+    """
 
     protocol: Protocol
     citation: str  #: Sentence that cites the protocol.

@@ -13,8 +13,9 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CAMERAS, CONDITIONS, PROTOCOL, Case
+from inim.apps.benchmark.definition import CAMERAS, CONDITIONS, BenchmarkCase
 from inim.apps.benchmark.document import CaseDocument, InputDocument, InputPicture, Statistic
+from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Display
 from inim.display.pixels import SUBPIXELS, PixelOffset, pixel_rays, row_blocks
 from inim.image.color import to_srgb
@@ -55,14 +56,14 @@ _FILES = (MANIFEST, "input/", "truth/")
 class CaseJob:
     """A case to render, with its plans; `blind` is that of the deviating array."""
 
-    case: Case
+    case: BenchmarkCase
     seed: int
     blind_seed: int
     plan: Plan
     blind: Plan
 
     @classmethod
-    def of(cls, case: Case, scene: Path, seed: int, blind_seed: int) -> "CaseJob":
+    def of(cls, case: BenchmarkCase, scene: Path, seed: int, blind_seed: int) -> "CaseJob":
         """Plan a case; raises an `InimError` for a scene that cannot be used."""
         settings = {**CONDITIONS[case.display_name], "seed": seed, "score_error": 0.0}
         definitions = {f"inim.{name}": value for name, value in settings.items()}
@@ -81,12 +82,18 @@ class CaseJob:
         """True if a manifest is that of this job; raises `FileError` if it is damaged."""
         if not manifest.is_file():
             return False
-        made = read_document(manifest, "delete its folder", CaseDocument)
+        document = read_document(manifest, "delete its folder", CaseDocument)
         expected = (PROTOCOL, self.seed, self.blind_seed, self.plan.samples, self.plan.file.sha256)
-        return expected == (made.protocol, made.seed, made.blind_seed, made.samples, made.scene)
+        return expected == (
+            document.protocol,
+            document.seed,
+            document.blind_seed,
+            document.samples,
+            document.scene,
+        )
 
 
-def scene_of(case: Case, suite: Path, scenes: Path, scans: Path | None) -> Path:
+def scene_of(case: BenchmarkCase, suite: Path, scenes: Path, scans: Path | None) -> Path:
     """The scene of a case's relic; that of a scan is written into the suite first.
 
     Raises `FileError` if a scene or a scan is missing.
@@ -137,20 +144,20 @@ def run_job(job: CaseJob, staging: Path, observer: Observer) -> bool:
     statistics = {}
     for name, of in (("eia", plan), ("blind", job.blind)):
         observer.stage("truth" if name == "eia" else "blind")
-        seen = DisplayViews(plan.viewpoints, of.optics, renderer, run=run)
+        display_views = DisplayViews(plan.viewpoints, of.optics, renderer, run=run)
         eia = render_ground_truth_eia(
-            camera.scene, of.misaligned_display, rounds["eia_spp"], job.seed, None, seen.observed,
-            run=run,
+            camera.scene, of.misaligned_display, rounds["eia_spp"], job.seed, None,
+            display_views.observed, run=run,
         )  # fmt: skip
         assert eia.noise is not None
         assert eia.observed is not None
-        assert seen.observed is not None
+        assert display_views.observed is not None
         arrays = {"eia": eia.image, "noise": eia.noise, "observed": eia.observed}
-        _write_arrays(staging / "truth" / f"{name}.npz", arrays | seen.to_arrays())
+        _write_arrays(staging / "truth" / f"{name}.npz", arrays | display_views.to_arrays())
         bound = ScoredViews(of.optics, plan.viewpoints)
         best, _ = optimise_eia(OPTIMAL, camera.scene, bound, rounds["view_spp"][0], eia, run=run)
         _write_panel(staging / "truth" / f"{OPTIMAL}-{name}.png", best.image, case.display)
-        statistics[name] = _statistic(eia.observed, float(seen.observed.mean()))
+        statistics[name] = _statistic(eia.observed, float(display_views.observed.mean()))
     traced, _ = pick_up_eia(
         camera.scene, case.display.through_pinholes(), (TRACED_SPP,), seed_of("pickup", job.seed),
         run=run,
@@ -202,7 +209,7 @@ def _statistic(replicates: np.ndarray, share: float) -> Statistic:
     return Statistic(mean=(r, g, b), error=(r_error, g_error, b_error), share=share)
 
 
-def _write_inputs(case: Case, camera: DepthCamera, folder: Path) -> InputDocument:
+def _write_inputs(case: BenchmarkCase, camera: DepthCamera, folder: Path) -> InputDocument:
     """Write pictures, rays and the mesh; return their description."""
     folder.mkdir(parents=True)
     pictures = []

@@ -7,9 +7,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.apps.benchmark.definition import PROTOCOL
 from inim.apps.benchmark.diagnosis import Judged, alpha_mistakes, content_mistakes
 from inim.apps.benchmark.document import ResultDocument, SubmissionDocument, ViewScores
+from inim.apps.benchmark.protocol import PROTOCOL
 from inim.apps.benchmark.submission import (
     DESCRIPTION,
     file_mistakes,

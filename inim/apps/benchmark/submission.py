@@ -3,9 +3,10 @@
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-from inim.apps.benchmark.definition import PROTOCOL, TIERS, TRACKS
+from inim.apps.benchmark.definition import TIERS
 from inim.apps.benchmark.document import SubmissionDocument
 from inim.apps.benchmark.make import file_digest
+from inim.apps.benchmark.protocol import PROTOCOL, TRACKS
 from inim.apps.benchmark.suite import MadeCase
 from inim.system.document import read_document, write_document
 from inim.system.errors import UsageError, suggest_words

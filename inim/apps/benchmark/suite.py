@@ -8,9 +8,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CONDITIONS, PROTOCOL, TIERS, Case, case_of
+from inim.apps.benchmark.definition import CONDITIONS, TIERS, BenchmarkCase, case_of
 from inim.apps.benchmark.document import CaseDocument, InputDocument
 from inim.apps.benchmark.make import MANIFEST, file_digest
+from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Viewpoint
 from inim.display.misalignment import misaligned
 from inim.image.color import linear_from_srgb
@@ -46,7 +47,7 @@ class Truth(NamedTuple):
 class MadeCase:
     """A case in its folder."""
 
-    case: Case
+    case: BenchmarkCase
     folder: Path
     manifest: CaseDocument
 
@@ -95,8 +96,8 @@ class MadeCase:
             place = Camera.orthographic(
                 (picture.right, picture.up), depth.shape, self.inputs.pixel_mm
             )
-            known = np.where(covered, depth, np.inf).astype(np.float32)
-            pictures.append(CameraRGBD(color, known, place, picture.color))
+            depth = np.where(covered, depth, np.inf).astype(np.float32)
+            pictures.append(CameraRGBD(color, depth, place, picture.color))
         first = pictures[0]
         covered = np.isfinite(first.depth)
         front = RGBD(first.color, np.where(covered, first.depth, 0), covered, self.inputs.pixel_mm)

@@ -1,0 +1,1 @@
+"""The published board of inim-bench, its statistics, and an outside program."""
