@@ -10,6 +10,7 @@ import hashlib
 import json
 import sys
 import time
+from importlib import import_module
 from pathlib import Path
 
 import numpy as np
@@ -33,13 +34,13 @@ def _triangles(depth: np.ndarray, covered: np.ndarray, pixel_mm: float) -> np.nd
     z = np.where(covered, depth, np.nan).ravel()[triangles]
     with np.errstate(invalid="ignore"):
         connected = np.ptp(z, axis=1) <= _STEEPEST * pixel_mm
-    return triangles[connected]
+    selected: np.ndarray = triangles[connected]
+    return selected
 
 
 def generate(folder: Path) -> tuple[np.ndarray, float]:
     """EIA of a case, (rows, columns, 3) uint8, and its run time in seconds."""
-    import open3d
-
+    open3d = import_module("open3d")  # which this project does not need
     case = json.loads((folder / "input.json").read_text("utf-8"))
     picture, pixel_mm = case["pictures"][0], case["pixel_mm"]
     rgba = np.asarray(Image.open(folder / picture["color"]))

@@ -38,9 +38,9 @@ def main(words: list[str]) -> int:
     heads = ["algorithm", "track", "headline", "change", "interval of the change", "within"]
     text = [
         "# Two renderings of the suite",
-        f"Scores of `python -m reports.benchmark.repeat {' '.join(words)}`, with other seeds of the "
-        f"noise. Of {scores} scores of a case, {scores - outside} are within the 95 % interval of "
-        "the difference.",
+        f"Scores of `python -m reports.benchmark.repeat {' '.join(words)}`, with other seeds of "
+        f"the noise. Of {scores} scores of a case, {scores - outside} are within the 95 % interval "
+        "of the difference.",
         markdown_section("Means over the cases", heads, rows),
     ]
     Path(__file__).with_name("repeat.md").write_text("\n\n".join(text) + "\n", "utf-8")

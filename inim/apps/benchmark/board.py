@@ -258,8 +258,9 @@ def _part(data: BoardDocument, track: str, suite: Path) -> PagePart:
     timed = [entry for entry in entries if entry.ms_per_megapixel is not None]
     figure = _draw(timed) if len(timed) > 1 else None
     table = Table(f"{track}: {TRACKS[track]}", _HEADS, [_row(entry) for entry in entries])
+    lead = f"{TRACKS[track][0].upper()}{TRACKS[track][1:]}. Best first."
     return PagePart(
-        track, f"Track {track}", f"{TRACKS[track][0].upper()}{TRACKS[track][1:]}. Best first.", [table],
+        track, f"Track {track}", lead, [table],
         plot=f"time-{track}", figure=figure, folds=folds,
     )  # fmt: skip
 

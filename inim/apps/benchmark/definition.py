@@ -50,12 +50,17 @@ class ScannedMesh(NamedTuple):
 
 @dataclass(frozen=True)
 class Relic:
-    """A relic of the benchmark; `scan` is None for those of the project's folder `scenes`."""
+    """A relic of the benchmark.
+
+    `scan` is None for those of the project's folder `scenes`. Under lenses with two pitches, its
+    EIAs have `samples` times as many samples per pixel as those of others.
+    """
 
     name: str
     source: str
     licence: str
     scan: ScannedMesh | None = None
+    samples: int = 1
 
     def mesh(self, folder: Path | None) -> Path:
         """The scan in a folder; raises `FileError` if it is missing or has another content."""
@@ -75,11 +80,14 @@ RELICS = {
     relic.name: relic
     for relic in (
         *(
-            Relic(name, _OWN, "BSD-3-Clause")
-            for name in ("amphora", "jade", "ibex", "altar", "tripod", "wine_coin")
+            Relic(name, _OWN, "BSD-3-Clause", samples=samples)
+            for name, samples in (
+                ("amphora", 1), ("jade", 4), ("ibex", 2), ("altar", 1), ("tripod", 2),
+                ("wine_coin", 1),
+            )
         ),
         *(
-            Relic(name.lower(), _THREE_D_SCANS, _UNRESTRICTED, ScannedMesh(f"{name}.ply", sha256))
+            Relic(name.lower(), _THREE_D_SCANS, _UNRESTRICTED, ScannedMesh(f"{name}.ply", sha256), 4)
             for name, sha256 in (
                 ("Athena", "14a1bf40b76d2a5704df53bb2cdb45c9eb6258d0a8468802641a1a37fabcb0a7"),
                 ("Hermes", "1d5114bdbfeaa67de46e6e4f77d919f3d5c76d8df83eda5d8329078c7a3569b6"),
@@ -92,6 +100,7 @@ RELICS = {
                 "oded_demosthenes-low-res.obj",
                 "52ebee44fc09a0da440e2b3608d791925b2db90175fbb0c06a7d2b56cc4468af",
             ),
+            samples=4,
         ),
     )
 }  # fmt: skip
@@ -113,6 +122,14 @@ class BenchmarkCase:
     def display(self) -> Display:
         """The display as designed."""
         return DISPLAYS[self.display_name]
+
+    @property
+    def conditions(self) -> dict[str, Any]:
+        """Settings of the renderer and of the views, by name."""
+        conditions = CONDITIONS[self.display_name]
+        if self.display.layout.of_cylinders:
+            return conditions
+        return {**conditions, "eia_spp": self.relic.samples * conditions["eia_spp"]}
 
     @property
     def viewpoints(self) -> list[Viewpoint]:

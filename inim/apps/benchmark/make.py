@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CAMERAS, CONDITIONS, BenchmarkCase
+from inim.apps.benchmark.definition import CAMERAS, BenchmarkCase
 from inim.apps.benchmark.document import CaseDocument, InputDocument, InputPicture, Statistic
 from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Display
@@ -65,7 +65,7 @@ class CaseJob:
     @classmethod
     def of(cls, case: BenchmarkCase, scene: Path, seed: int, blind_seed: int) -> "CaseJob":
         """Plan a case; raises an `InimError` for a scene that cannot be used."""
-        settings = {**CONDITIONS[case.display_name], "seed": seed, "score_error": 0.0}
+        settings = {**case.conditions, "seed": seed, "score_error": 0.0}
         definitions = {f"inim.{name}": value for name, value in settings.items()}
 
         def plan(misalign: Mapping[str, float] | None) -> Plan:

@@ -9,7 +9,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CONDITIONS, TIERS
+from inim.apps.benchmark.definition import TIERS
 from inim.apps.benchmark.make import OPTIMAL, TRACED
 from inim.apps.benchmark.submission import DESCRIPTION, write_submission
 from inim.apps.benchmark.suite import MadeCase, made_cases
@@ -112,7 +112,7 @@ def _generate(algorithm: str, case: MadeCase) -> tuple[np.ndarray, float]:
         depth = np.full(rgbd.shape, sum(display.depth_range_mm) / 2, np.float32)
         rgbd, algorithm = replace(rgbd, depth_mm=depth), _FLAT
     elif isinstance(parse_algorithm(algorithm).input, str):
-        per_pitch = CONDITIONS[case.case.display_name]["capture_pixels_per_pitch"]
+        per_pitch = case.case.conditions["capture_pixels_per_pitch"]
         rgbd = merge_cameras(cameras, display, per_pitch)
     ready = to_srgb_rgba(rgbd)
     generator = prepare(display, algorithm, shape=ready.shape, pixel_mm=ready.pixel_mm)

@@ -8,7 +8,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CONDITIONS, TIERS, BenchmarkCase, case_of
+from inim.apps.benchmark.definition import TIERS, BenchmarkCase, case_of
 from inim.apps.benchmark.document import CaseDocument, InputDocument
 from inim.apps.benchmark.make import MANIFEST, file_digest
 from inim.apps.benchmark.protocol import PROTOCOL
@@ -125,7 +125,7 @@ class MadeCase:
         display = self.case.display
         if blind:
             display = misaligned(display, self.case.misalignment(self.manifest.blind_seed))
-        conditions = CONDITIONS[self.case.display_name]
+        conditions = self.case.conditions
         names = ("lens_model", "view_pixels_per_lens", "reconstruction_spp")
         return Optics(display, *(conditions[name] for name in names))
 
