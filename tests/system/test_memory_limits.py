@@ -21,6 +21,7 @@ WITHIN_S = 120
 WORDS = {
     "accept": ("out",),
     "bench": ("scene.xml",),
+    "benchmark": ("check",),
     "compare": ("a", "b"),
     "export": ("eia.png",),
     "figure": ("out",),

@@ -5,6 +5,7 @@ import json
 import math
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,7 +32,7 @@ from inim.system.process.observer import Observer
 
 CASES = ("altar-sheet", "jade-phone")
 SCENES = Path(__file__).parents[2] / "scenes"
-SMALL = {"capture_spp": 8, "eia_spp": 8, "view_spp": 8, "reconstruction_spp": 16}
+SMALL = {"capture_spp": 8, "view_spp": 8, "reconstruction_spp": 16}
 
 
 @pytest.fixture(scope="module")
@@ -43,6 +44,9 @@ def suite(tmp_path_factory):
             small = DISPLAYS[name].replace(lens_columns=10, lens_rows=10)
             patch.setitem(definition.DISPLAYS, name, small)
             patch.setitem(definition.CONDITIONS, name, {**CONDITIONS[name], **SMALL})
+        for name in ("altar", "jade"):
+            relic = replace(definition.RELICS[name], eia_spp=8)
+            patch.setitem(definition.RELICS, name, relic)
         for name in CASES:
             staging = folder / name
             staging.mkdir()

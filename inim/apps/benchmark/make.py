@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.apps.benchmark.definition import CAMERAS, BenchmarkCase
+from inim.apps.benchmark.definition import BLIND_SPP, CAMERAS, BenchmarkCase
 from inim.apps.benchmark.document import CaseDocument, InputDocument, InputPicture, Statistic
 from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Display
@@ -142,11 +142,12 @@ def run_job(job: CaseJob, staging: Path, observer: Observer) -> bool:
     }  # fmt: skip
     (staging / "truth").mkdir()
     statistics = {}
-    for name, of in (("eia", plan), ("blind", job.blind)):
+    spp = plan.samples["eia_spp"]
+    for name, of, eia_spp in (("eia", plan, spp), ("blind", job.blind, min(spp, BLIND_SPP))):
         observer.stage("truth" if name == "eia" else "blind")
         display_views = DisplayViews(plan.viewpoints, of.optics, renderer, run=run)
         eia = render_ground_truth_eia(
-            camera.scene, of.misaligned_display, rounds["eia_spp"], job.seed, None,
+            camera.scene, of.misaligned_display, (eia_spp,), job.seed, None,
             display_views.observed, run=run,
         )  # fmt: skip
         assert eia.noise is not None
