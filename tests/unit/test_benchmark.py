@@ -10,12 +10,13 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from msgspec import structs
 from PIL import Image
 
-from inim.apps.benchmark import definition, score
+from inim.apps.benchmark import definition, published, score
 from inim.apps.benchmark.board import entries_of, read_results, write_board
 from inim.apps.benchmark.definition import CONDITIONS, DISPLAYS, TIERS, case_of
-from inim.apps.benchmark.document import SubmissionDocument
+from inim.apps.benchmark.document import StatisticsDocument, SubmissionDocument
 from inim.apps.benchmark.make import MANIFEST, CaseJob, run_job
 from inim.apps.benchmark.protocol import PROTOCOL
 from inim.apps.benchmark.published import differs
@@ -24,10 +25,12 @@ from inim.apps.benchmark.run import run_job as run_algorithm_job
 from inim.apps.benchmark.score import ScoreJob, SubmissionError, plan_scores, score_case
 from inim.apps.benchmark.submission import file_mistakes, write_submission
 from inim.apps.benchmark.suite import made_cases
+from inim.cli.main import main
 from inim.display.misalignment import one_pixel_errors
 from inim.image.color import linear_from_srgb, srgb_from_linear, to_srgb
 from inim.image.files.image import read_exr_channels, write_exr
-from inim.system.errors import FileError
+from inim.system.document import write_document
+from inim.system.errors import EXIT_USAGE, FileError
 from inim.system.process.observer import Observer
 
 CASES = ("altar-sheet", "jade-phone")
@@ -256,7 +259,14 @@ def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):
     data[len(data) // 2] ^= 1
     (tmp_path / "jade-phone.png").write_bytes(data)
     shutil.copyfile(tmp_path / "jade-phone.png", tmp_path / "jade-fone.png")
-    old = {**submission, "protocol": "inim-bench-0.9", "tracks": ["rgb"], "licence": " "}
+    seconds = {"jade-phone": -1.0}
+    old = {
+        **submission,
+        "seconds": seconds,
+        "protocol": "inim-bench-0.9",
+        "tracks": ["rgb"],
+        "licence": " ",
+    }
     (tmp_path / "submission.json").write_text(json.dumps(old))
     with pytest.raises(SubmissionError, match=r"and \d more") as caught:
         plan_scores(suite, tmp_path, as_is=False)
@@ -265,6 +275,7 @@ def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):
         "protocol is 'inim-bench-0.9', and this suite is inim-bench-1.0",
         "track 'rgb'",
         "licence is empty",
+        "seconds of jade-phone is -1; give a positive time",
         "altar-sheet: has no picture; add altar-sheet.png or altar-sheet.exr",
         "altar-sheet.png: is listed in submission.json and missing",
         "jade-phone.png: is not the file of submission.json",
@@ -304,6 +315,36 @@ def test_statistics_tell_scenes_apart_but_not_seeds(suite):
     statistics, others = (case.manifest.statistics for case in made_cases(suite))
     assert not differs(statistics["eia"], statistics["eia"], 1e-3)
     assert differs(statistics["eia"], others["eia"], 1e-3)
+
+
+def test_a_suite_is_compared_with_the_published_one(suite, tmp_path, monkeypatch):
+    """Equal statistics pass; another mean, another share and an unpublished case are named."""
+    cases = made_cases(suite)
+    statistics = {case.case.name: dict(case.manifest.statistics) for case in cases}
+    monkeypatch.setattr(published, "PUBLISHED", tmp_path / "statistics.json")
+
+    def mistakes():
+        document = StatisticsDocument(protocol=PROTOCOL, cases=statistics)
+        write_document(tmp_path / "statistics.json", document)
+        return published.suite_mistakes(cases)
+
+    assert mistakes() == []
+    eia = statistics["altar-sheet"]["eia"]
+    brighter = tuple(1.1 * value for value in eia.mean)
+    statistics["altar-sheet"]["eia"] = structs.replace(eia, mean=brighter)
+    (text,) = mistakes()
+    assert text.startswith("altar-sheet: eia differs from the published suite, mean ")
+    statistics["altar-sheet"]["eia"] = structs.replace(eia, share=eia.share + 0.01)
+    assert len(mistakes()) == 1
+    del statistics["altar-sheet"]
+    assert mistakes()[0].startswith("altar-sheet: its statistics are not published")
+
+
+def test_a_folder_without_cases_has_one_line(tmp_path, capsys):
+    assert main(["benchmark", "check", "--suite", str(tmp_path)]) == EXIT_USAGE
+    assert (
+        "no case of inim-bench-1.0; make one with `inim benchmark make`" in capsys.readouterr().err
+    )
 
 
 def test_the_board_lists_entries_best_first_with_differences(suite, template, tmp_path):

@@ -56,7 +56,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _make(args: argparse.Namespace) -> int:
     from inim.apps.benchmark.definition import case_of, cases_of
-    from inim.apps.benchmark.make import MANIFEST, CaseJob, render_case, scene_of
+    from inim.apps.benchmark.make import MANIFEST, CaseJob, render_case, scene_of, write_licences
 
     suite, names = args.suite, args.names
     cases = [case_of(name) for name in names] if names else [*cases_of(args.tier)]
@@ -69,6 +69,7 @@ def _make(args: argparse.Namespace) -> int:
         if not args.quiet:
             print_lines(f"{case.name}, {number} of {len(cases)}")
         render_case(job, suite, quiet=args.quiet, debug=args.debug)
+    write_licences(suite)
     return finish(True, f"suite: {suite}, {len(cases)} cases", quiet=args.quiet)
 
 

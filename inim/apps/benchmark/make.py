@@ -13,7 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
-from inim.apps.benchmark.definition import BLIND_SPP, CAMERAS, BenchmarkCase
+from inim.apps.benchmark.definition import BLIND_SPP, CAMERAS, RELICS, BenchmarkCase
 from inim.apps.benchmark.document import CaseDocument, InputDocument, InputPicture, Statistic
 from inim.apps.benchmark.protocol import PROTOCOL
 from inim.display import Display
@@ -36,10 +36,11 @@ from inim.pipeline.stages.optimal import ScoredViews, optimise_eia
 from inim.pipeline.stages.reconstruction import DisplayViews
 from inim.pipeline.stages.scene import seed_of
 from inim.render.scene_files.new_scene import new_scene
+from inim.report.summary import markdown_section
 from inim.scores.document_parts import DisplayRecord, EyePosition
 from inim.scores.metrics import relic_region
 from inim.system.cache import ResultCache
-from inim.system.document import folder_files, read_document, write_document
+from inim.system.document import folder_files, read_document, write_document, write_text
 from inim.system.errors import FileError
 from inim.system.process.observer import Observer
 from inim.system.worker.output import staging_folder
@@ -91,6 +92,14 @@ class CaseJob:
             document.samples,
             document.scene,
         )
+
+
+def write_licences(suite: Path) -> None:
+    """Write the sources and licences of the relics, next to the cases."""
+    rows = [[relic.name, relic.source, relic.licence] for relic in RELICS.values()]
+    table = markdown_section("Relics", ["relic", "source", "licence"], rows)
+    head = f"# {PROTOCOL}\n\nPictures of a relic have the relic's licence.\n\n"
+    write_text(suite / "LICENCES.md", f"{head}{table}\n")
 
 
 def scene_of(case: BenchmarkCase, suite: Path, scenes: Path, scans: Path | None) -> Path:

@@ -36,6 +36,12 @@ def suite_mistakes(cases: Sequence[MadeCase]) -> list[str]:
         for case in cases
         for name in published.get(case.case.name, {})
     ]
+    mistakes += [
+        f"{case.case.name}: its statistics are not published; nothing tells whether it is the same "
+        "on all machines"
+        for case in cases
+        if case.case.name not in published
+    ]
     level = sidak(_FALSE_ALARM, 3 * len(pairs))
     for case, name, expected, statistic in pairs:
         if statistic is None or differs(statistic, expected, level):

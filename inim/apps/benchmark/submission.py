@@ -1,5 +1,6 @@
 """Submissions: one picture for each case, and `submission.json`; what is wrong with the files."""
 
+import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -58,7 +59,12 @@ def file_mistakes(
     for field in ("name", "licence"):
         if not getattr(submission, field).strip():
             mistakes.append(f"{DESCRIPTION}: {field} is empty; fill it in")
-    names = {case.case.name for case in cases}
+    for case, seconds in submission.seconds.items():
+        if not 0 < seconds < math.inf:
+            mistakes.append(
+                f"{DESCRIPTION}: seconds of {case} is {seconds:g}; give a positive time"
+            )
+    names = [case.case.name for case in cases]
     for name in names:
         if picture_of(folder, name) is None:
             mistakes.append(f"{name}: has no picture; add {name}.png or {name}.exr")
