@@ -48,7 +48,9 @@ class Fold:
     def html(self) -> str:
         """The folded part of the page."""
         tables = (text_table(t.caption, t.heads, t.rows, "numbers") for t in self.tables)
-        return folded(text(self.title), *tables, *map(_picture, self.pictures.items()))
+        pictures = "".join(map(_picture, self.pictures.items()))
+        views = element("div", pictures, class_="views wide") if pictures else ""
+        return folded(text(self.title), *tables, views)
 
 
 def _picture(item: tuple[str, Path]) -> str:
@@ -61,7 +63,7 @@ def _picture(item: tuple[str, Path]) -> str:
         picture.save(stream, "WEBP", quality=_QUALITY)
     source = f"data:image/webp;base64,{base64.b64encode(stream.getvalue()).decode('ascii')}"
     image = void("img", src=source, alt=caption, loading="lazy")
-    return element("figure", image, element("figcaption", text(caption)), class_="small")
+    return element("figure", image, element("figcaption", text(caption)))
 
 
 @dataclass(frozen=True)

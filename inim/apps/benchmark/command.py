@@ -92,7 +92,9 @@ def _run(args: argparse.Namespace) -> int:
         folder = args.suite / "submissions" / check_name(algorithm)
         run_algorithm(algorithm, args.suite, folder, quiet=args.quiet, debug=args.debug)
         out = args.suite / "results" / folder.name
-        score_submission(args.suite, folder, out, as_is=True, quiet=args.quiet, debug=args.debug)
+        score_submission(
+            args.suite, folder, out, as_is=True, is_own=True, quiet=args.quiet, debug=args.debug
+        )
     return finish(True, f"scored: {', '.join(args.algorithms)}", quiet=args.quiet)
 
 

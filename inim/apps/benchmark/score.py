@@ -36,21 +36,25 @@ _BLIND = "blind"
 
 
 class ScoreJob(NamedTuple):
-    """A submission to score."""
+    """A submission to score, in spite of mistakes in its content if it is taken `as_is`.
+
+    The content is not examined if it `is_own`: that of an algorithm of this program.
+    """
 
     folder: Path
     submission: SubmissionDocument
     cases: list[MadeCase]
     as_is: bool
+    is_own: bool = False
 
 
-def plan_scores(suite: Path, folder: Path, *, as_is: bool) -> ScoreJob:
+def plan_scores(suite: Path, folder: Path, *, as_is: bool, is_own: bool = False) -> ScoreJob:
     """Read a submission; raises `FileError` with all mistakes of its files."""
     submission, cases = read_submission(folder), made_cases(suite)
     if mistakes := file_mistakes(folder, submission, cases):
         more = f" (and {len(mistakes) - 1} more)" * (len(mistakes) > 1)
         raise SubmissionError(f"{folder}: {mistakes[0]}{more}", mistakes)
-    return ScoreJob(folder, submission, cases, as_is)
+    return ScoreJob(folder, submission, cases, as_is, is_own)
 
 
 class SubmissionError(FileError):
@@ -88,7 +92,7 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
                 if (track == _BLIND) == blind:
                     scores[track][name] = result
                     _write_pairs(staging / "views" / track / f"{name}.png", pairs)
-    mistakes = [*alpha_mistakes(alphas), *content_mistakes(judged)]
+    mistakes = [] if job.is_own else [*alpha_mistakes(alphas), *content_mistakes(judged)]
     for text in mistakes:
         observer.line(f"mistake: {text}")
     if mistakes and not job.as_is:
@@ -166,7 +170,14 @@ def score_case(eia: np.ndarray, truth: Truth) -> tuple[ViewScores, _Pairs, bool]
 
 
 def score_submission(
-    suite: Path, folder: Path, out: Path, *, as_is: bool, quiet: bool, debug: bool
+    suite: Path,
+    folder: Path,
+    out: Path,
+    *,
+    as_is: bool,
+    is_own: bool = False,
+    quiet: bool,
+    debug: bool,
 ) -> bool:
     """Validate and score a submission in a worker process; False if its content has mistakes.
 
@@ -174,7 +185,7 @@ def score_submission(
     """
     return run_in_worker(
         f"{__name__}:run_job",
-        lambda: plan_scores(suite, folder, as_is=as_is),
+        lambda: plan_scores(suite, folder, as_is=as_is, is_own=is_own),
         staging_folder(out, (RESULT, "views/")),
         about=str(folder / DESCRIPTION),
         quiet=quiet,
