@@ -247,8 +247,14 @@ def test_pictures_of_other_cases_are_named(suite, template, tmp_path):
     shutil.copytree(template, tmp_path, dirs_exist_ok=True)
     shutil.copyfile(template / "jade-phone.png", tmp_path / "altar-sheet.png")
     describe(tmp_path)
-    with pytest.raises(FileError, match=r"altar-sheet\.png.*157 x 157"):
-        scored(suite, tmp_path, tmp_path / "out")
+    (tmp_path / "jade-phone.png").write_bytes(b"no picture")
+    describe(tmp_path)
+    passed, lines = scored(suite, tmp_path, tmp_path / "out")
+    assert not passed
+    size = r"altar-sheet\.png.*157 x 157.*; it has the size of the display phone"
+    assert len(lines) == 2
+    assert "jade-phone.png: not a readable PNG" in lines[0]
+    assert re.search(size, lines[1])
 
 
 def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):

@@ -1,12 +1,14 @@
 """Scores of a submission: of its views to those of the true EIA, and to the scene."""
 
 from collections.abc import Sequence
+from contextlib import suppress
 from pathlib import Path
 from statistics import fmean
 from typing import NamedTuple
 
 import numpy as np
 
+from inim.apps.benchmark.definition import DISPLAYS
 from inim.apps.benchmark.diagnosis import Judged, alpha_mistakes, content_mistakes
 from inim.apps.benchmark.document import ResultDocument, SubmissionDocument, ViewScores
 from inim.apps.benchmark.protocol import PROTOCOL
@@ -17,6 +19,7 @@ from inim.apps.benchmark.submission import (
     read_submission,
 )
 from inim.apps.benchmark.suite import MadeCase, Truth, made_cases
+from inim.display import Display
 from inim.image.color import to_srgb
 from inim.image.files.eia_file import read_eia
 from inim.image.noisy_image import NoisyEIA
@@ -71,13 +74,18 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
     observer.begin([case.case.name for case in job.cases])
     scores: dict[str, dict[str, ViewScores]] = {track: {} for track in tracks}
     judged, warnings = [], []
+    unreadable: list[str] = []
     alphas: dict[str, float] = {}
     for case in job.cases:
         name = case.case.name
         observer.stage(name)
         path = picture_of(job.folder, name)
         assert path is not None
-        eia, opaque = read_eia(path, case.case.display)
+        try:
+            eia, opaque = read_eia(path, case.case.display)
+        except FileError as error:
+            unreadable.append(f"{error}{_other_display(path, case.case.display)}")
+            continue
         if opaque is not None and not opaque[case.case.display.lensed].all():
             alphas[name] = float(1 - opaque[case.case.display.lensed].mean())
         is_blind = {track == _BLIND for track in tracks}
@@ -93,9 +101,9 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
                     scores[track][name] = result
                     _write_pairs(staging / "views" / track / f"{name}.png", pairs)
     mistakes = [] if job.is_own else [*alpha_mistakes(alphas), *content_mistakes(judged)]
-    for text in mistakes:
+    for text in (*unreadable, *mistakes):
         observer.line(f"mistake: {text}")
-    if mistakes and not job.as_is:
+    if unreadable or (mistakes and not job.as_is):
         return False
     document = ResultDocument(
         protocol=PROTOCOL,
@@ -114,6 +122,18 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
         observer.line(text)
     write_document(staging / RESULT, document)
     return True
+
+
+def _other_display(path: Path, display: Display) -> str:
+    """Words on the display of the benchmark whose size a picture has; empty for none."""
+    from PIL import Image
+
+    with suppress(OSError), Image.open(path) as picture:
+        size = picture.size[::-1]
+        for name, other in DISPLAYS.items():
+            if other.eia_shape == size != display.eia_shape:
+                return f"; it has the size of the display {name}"
+    return ""
 
 
 def _write_pairs(path: Path, pairs: Sequence[tuple[np.ndarray, np.ndarray]]) -> None:
