@@ -44,7 +44,9 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )  # fmt: skip
     task("check", "Check the files of the suite and compare it with the published one.", _check)
     run = task("run", "Run algorithms on the inputs, and score them.", _run)
-    run.add_argument("algorithms", nargs="+", metavar="ALGORITHM")
+    run.add_argument(
+        "algorithms", nargs="*", metavar="ALGORITHM", help="default: those of the published board"
+    )
     score = task("score", "Validate and score a submission.", _score)
     score.add_argument("submission", type=Path, help="folder of EIAs with submission.json")
     score.add_argument(
@@ -84,18 +86,19 @@ def _check(args: argparse.Namespace) -> int:
 
 
 def _run(args: argparse.Namespace) -> int:
-    from inim.apps.benchmark.run import run_algorithm
+    from inim.apps.benchmark.run import BUILT_IN, run_algorithm
     from inim.apps.benchmark.score import score_submission
     from inim.apps.benchmark.submission import check_name
 
-    for algorithm in args.algorithms:
+    algorithms = args.algorithms or BUILT_IN
+    for algorithm in algorithms:
         folder = args.suite / "submissions" / check_name(algorithm)
         run_algorithm(algorithm, args.suite, folder, quiet=args.quiet, debug=args.debug)
         out = args.suite / "results" / folder.name
         score_submission(
             args.suite, folder, out, as_is=True, is_own=True, quiet=args.quiet, debug=args.debug
         )
-    return finish(True, f"scored: {', '.join(args.algorithms)}", quiet=args.quiet)
+    return finish(True, f"scored: {', '.join(algorithms)}", quiet=args.quiet)
 
 
 def _score(args: argparse.Namespace) -> int:

@@ -31,6 +31,27 @@ OPTIMAL_BLIND = f"{OPTIMAL}-blind"
 OF_TRUTH = {
     OPTIMAL: f"{OPTIMAL}-eia.png", OPTIMAL_BLIND: f"{OPTIMAL_BLIND}.png", TRACED: f"{TRACED}.png",
 }  # fmt: skip
+#: Algorithms of the board: as they come, with one ray and the nearest colour or four smooth ones,
+#: the readings of the paper, and bounds.
+BUILT_IN = (
+    "template",
+    "template:samples=1:colour=nearest",
+    "gu2020",
+    "gu2020:samples=4:colour=smooth",
+    "li2012",
+    "li2012:samples=4:colour=smooth",
+    "wang2024",
+    "wang2024:samples=4:colour=smooth",
+    "wang2024:cells=consecutive",
+    "wang2024:matching=ray",
+    "wang2024:matching=ray:samples=4:colour=smooth",
+    "wang2024:matching=ray:step_pixel=scene",
+    COPY,
+    "cameras",
+    TRACED,
+    OPTIMAL,
+    OPTIMAL_BLIND,
+)
 _FLAT = "template:samples=1"
 _ROUNDS = 5
 
