@@ -45,7 +45,6 @@ BUILT_IN = (
     "wang2024:cells=consecutive",
     "wang2024:matching=ray",
     "wang2024:matching=ray:samples=4:colour=smooth",
-    "wang2024:matching=ray:step_pixel=scene",
     COPY,
     "cameras",
     TRACED,
