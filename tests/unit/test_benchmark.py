@@ -72,8 +72,12 @@ def scored(suite, folder, out):
     """True if a submission passes, and the lines printed."""
     observer = Lines()
     out.mkdir(parents=True, exist_ok=True)
-    passed = score.run_job(plan_scores(suite, folder, as_is=False), out, observer)
-    return passed, observer.lines
+    try:
+        score.run_job(plan_scores(suite, folder, as_is=False), out, observer)
+    except SubmissionError as error:
+        assert [f"mistake: {text}" for text in error.mistakes] == observer.lines
+        return False, observer.lines
+    return True, observer.lines
 
 
 class Lines(Observer):

@@ -102,16 +102,19 @@ def _run(args: argparse.Namespace) -> int:
 
 
 def _score(args: argparse.Namespace) -> int:
-    from inim.apps.benchmark.score import score_submission
+    from inim.apps.benchmark.score import SubmissionError, score_submission
     from inim.apps.benchmark.submission import check_name, read_submission
 
     name = check_name(read_submission(args.submission).name)
     out = args.suite / "results" / name
-    passed = score_submission(
-        args.suite, args.submission, out, as_is=args.as_is, quiet=args.quiet, debug=args.debug
-    )
-    line = f"scored: {out}" if passed else "not scored; correct the mistakes, or add --as-is"
-    return finish(passed, line, quiet=args.quiet)
+    try:
+        score_submission(
+            args.suite, args.submission, out, as_is=args.as_is, quiet=args.quiet, debug=args.debug
+        )
+    except SubmissionError as error:  # of its files; the worker prints those of the content
+        print_lines(*(f"mistake: {text}" for text in error.mistakes))
+        raise
+    return finish(True, f"scored: {out}", quiet=args.quiet)
 
 
 def _board(args: argparse.Namespace) -> int:

@@ -55,21 +55,21 @@ def plan_scores(suite: Path, folder: Path, *, as_is: bool, is_own: bool = False)
     """Read a submission; raises `FileError` with all mistakes of its files."""
     submission, cases = read_submission(folder), made_cases(suite)
     if mistakes := file_mistakes(folder, submission, cases):
-        more = f" (and {len(mistakes) - 1} more)" * (len(mistakes) > 1)
-        raise SubmissionError(f"{folder}: {mistakes[0]}{more}", mistakes)
+        raise SubmissionError(folder, mistakes)
     return ScoreJob(folder, submission, cases, as_is, is_own)
 
 
 class SubmissionError(FileError):
-    """A submission with mistakes in its files."""
+    """A submission with mistakes; the message has the first one."""
 
-    def __init__(self, message: str, mistakes: Sequence[str] = ()) -> None:
-        super().__init__(message)
+    def __init__(self, folder: Path, mistakes: Sequence[str]) -> None:
+        more = f" (and {len(mistakes) - 1} more)" * (len(mistakes) > 1)
+        super().__init__(f"{folder}: {mistakes[0]}{more}")
         self.mistakes = mistakes
 
 
 def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
-    """Entry point in the worker: score a submission; False if its content has mistakes."""
+    """Entry point in the worker: score a submission; raises `SubmissionError` for mistakes."""
     tracks = job.submission.tracks
     observer.begin([case.case.name for case in job.cases])
     scores: dict[str, dict[str, ViewScores]] = {track: {} for track in tracks}
@@ -104,7 +104,7 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
     for text in (*unreadable, *mistakes):
         observer.line(f"mistake: {text}")
     if unreadable or (mistakes and not job.as_is):
-        return False
+        raise SubmissionError(job.folder, [*unreadable, *mistakes])
     document = ResultDocument(
         protocol=PROTOCOL,
         submission=job.submission,
@@ -198,12 +198,13 @@ def score_submission(
     is_own: bool = False,
     quiet: bool,
     debug: bool,
-) -> bool:
-    """Validate and score a submission in a worker process; False if its content has mistakes.
+) -> None:
+    """Validate and score a submission in a worker process.
 
-    The result is `result.json` in the folder `out`, with pictures of views.
+    The result is `result.json` in the folder `out`, with pictures of views. Raises `FileError` for
+    mistakes in the submission.
     """
-    return run_in_worker(
+    run_in_worker(
         f"{__name__}:run_job",
         lambda: plan_scores(suite, folder, as_is=as_is, is_own=is_own),
         staging_folder(out, (RESULT, "views/")),
