@@ -137,7 +137,8 @@ def answer(job: Job, channel: Any, run_job: RunJob) -> None:
     except InimError as error:
         if job.debug and error.__cause__:
             traceback.print_exception(error.__cause__)
-        send({"error": type(error).__name__, "message": user_text(error)})
+        declared = next(c for c in type(error).__mro__ if c.__module__ == InimError.__module__)
+        send({"error": declared.__name__, "message": user_text(error)})
     except MemoryError:
         message = (
             f"out of memory with {machine.peak_bytes() / 2**30:.1f} GiB in use of "
