@@ -3,6 +3,7 @@
 import hashlib
 import json
 import math
+import os
 import re
 import shutil
 from dataclasses import replace
@@ -292,6 +293,17 @@ def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):
         "jade-fone.png: no case of that name; did you mean jade-phone?",
     ):
         assert words in text
+
+
+def test_a_pipe_in_a_submission_is_refused(suite, template, tmp_path):
+    """Reading it would never end."""
+    shutil.copytree(template, tmp_path, dirs_exist_ok=True)
+    (tmp_path / "jade-phone.png").unlink()
+    os.mkfifo(tmp_path / "jade-phone.png")
+    with pytest.raises(FileError, match=r"jade-phone\.png: (has no picture|not a regular file|is)"):
+        plan_scores(suite, tmp_path, as_is=False)
+    with pytest.raises(FileError, match="no such folder; name one with pictures"):
+        plan_scores(suite, tmp_path / "nowhere", as_is=False)
 
 
 def test_a_changed_byte_of_the_suite_is_found(suite, template, tmp_path):

@@ -42,6 +42,7 @@ from inim.scores.metrics import relic_region
 from inim.system.cache import ResultCache
 from inim.system.document import folder_files, read_document, write_document, write_text
 from inim.system.errors import FileError
+from inim.system.files import read_file
 from inim.system.process.observer import Observer
 from inim.system.worker.output import staging_folder
 from inim.system.worker.supervisor import run_in_worker
@@ -51,6 +52,8 @@ MANIFEST = "case.json"
 #: tracing of the mesh with few samples per pixel.
 OPTIMAL, TRACED, TRACED_SPP = "optimal", "traced", 16
 _FILES = (MANIFEST, "input/", "truth/")
+# Of a file of a case or of a submission.
+_MOST_BYTES = 2**30
 
 
 @dataclass(frozen=True)
@@ -207,8 +210,8 @@ def _write_panel(path: Path, eia: np.ndarray, display: Display) -> None:
 
 
 def file_digest(path: Path) -> str:
-    """SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
+    """SHA-256 of a file; raises `FileError` if it is no regular file, or is too large."""
+    return hashlib.sha256(read_file(path, _MOST_BYTES)).hexdigest()
 
 
 def _statistic(replicates: np.ndarray, share: float) -> Statistic:

@@ -10,7 +10,7 @@ from inim.apps.benchmark.make import file_digest
 from inim.apps.benchmark.protocol import PROTOCOL, TRACKS
 from inim.apps.benchmark.suite import MadeCase
 from inim.system.document import read_document, write_document
-from inim.system.errors import UsageError, suggest_words
+from inim.system.errors import FileError, UsageError, suggest_words
 
 DESCRIPTION = "submission.json"
 _SUFFIXES = (".png", ".exr")
@@ -18,6 +18,8 @@ _SUFFIXES = (".png", ".exr")
 
 def read_submission(folder: Path) -> SubmissionDocument:
     """Read the description of a submission; raises `FileError` if it is missing or damaged."""
+    if not folder.is_dir():
+        raise FileError(f"{folder}: no such folder; name one with pictures and {DESCRIPTION}")
     remedy = "write it as docs/how-to/submit-to-the-benchmark.md describes"
     return read_document(folder / DESCRIPTION, remedy, SubmissionDocument)
 
