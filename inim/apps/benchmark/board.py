@@ -138,19 +138,20 @@ def _psnr(score: ViewScores) -> float:
 
 def _difference(
     relics: Mapping[str, float], best: Mapping[str, float]
-) -> tuple[float, float, float] | None:
+) -> tuple[float, float | None, float | None] | None:
     """Mean difference to the best, paired by relic, with Student's 95 % interval; None for itself.
 
-    The interval is unlimited for a single relic.
+    The interval is unknown for a single relic.
     """
     from scipy import stats
 
     sample = np.array([relics[name] - best[name] for name in relics])
     if not sample.any():
         return None
-    mean, half = float(sample.mean()), math.inf
-    if len(sample) > 1:
-        half = float(stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample))
+    mean = float(sample.mean())
+    if len(sample) < 2:
+        return mean, None, None
+    half = float(stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample))
     return mean, mean - half, mean + half
 
 

@@ -149,8 +149,9 @@ class BoardEntry(Part):
     #: squares to the ground truth; null: no optimal EIA was scored.
     possible: float | None
     ms_per_megapixel: float | None  #: Median run time per million panel pixels, milliseconds.
-    #: Mean difference of the headline to the best entry's, with its 95 % interval over relics.
-    difference: tuple[float, float, float] | None
+    #: Mean difference of the headline to the best entry's, with its 95 % interval over relics,
+    #: unknown for a single one; null: the best entry.
+    difference: tuple[float, float | None, float | None] | None
 
 
 class BoardDocument(TitledDocument, tag="inim.benchmark-board/1"):
