@@ -189,8 +189,30 @@ def bright(codes):
     return np.minimum(codes.astype(int) * 2, 255).astype(np.uint8)
 
 
+def limited(codes):
+    return np.rint(16 + codes * (219 / 255)).astype(np.uint8)
+
+
+def grey(codes):
+    return np.repeat(codes.mean(axis=-1, keepdims=True).astype(np.uint8), 3, axis=-1)
+
+
+def reversed_in_x(codes):
+    """Each elemental image of the sheet; the phone's have no whole number of pixels."""
+    columns = codes.shape[1]
+    width = 16 if columns == 160 else columns / 10
+    place = np.arange(columns)
+    lens = np.floor((place + 0.5) / width)
+    mirrored = np.rint(2 * (lens + 0.5) * width - 1 - place).astype(int)
+    return codes[:, mirrored.clip(0, columns - 1)]
+
+
 CONTENTS = {
-    "BGR": (lambda codes: codes[..., ::-1], r"red and blue are swapped \(BGR\).*write RGB"),
+    "BGR": (lambda codes: codes[..., ::-1], "channels are BGR.*write RGB"),
+    "GRB": (lambda codes: codes[..., [1, 0, 2]], "channels are GRB.*write RGB"),
+    "limited range": (limited, "its black is code 16"),
+    "grey": (grey, "2 pictures are grey"),
+    "reversed in x": (reversed_in_x, "each elemental image is reversed from left to right"),
     "not encoded": (not_encoded, "linear light, where sRGB is expected"),
     "encoded twice": (encoded_twice, "sRGB, where linear light is expected"),
     "flipped rows": (lambda codes: codes[::-1], "rows are in reverse order"),
@@ -219,7 +241,7 @@ def test_mistakes_in_the_content_are_named(suite, template, tmp_path, name):
 
 
 def describe(folder, **fields):
-    about = {"name": "mine", "authors": [], "licence": "CC0", "tracks": ["rgbd"], **fields}
+    about = {"name": "mine", "authors": ["me"], "licence": "CC0", "tracks": ["rgbd"], **fields}
     write_submission(folder, **about)
 
 
@@ -228,7 +250,9 @@ def describe(folder, **fields):
 )
 def test_honest_entries_have_no_mistakes(suite, tmp_path, algorithm):
     submission_of(suite, algorithm, tmp_path)
-    assert scored(suite, tmp_path, tmp_path / "out") == (True, [])
+    passed, lines = scored(suite, tmp_path, tmp_path / "out")
+    assert passed
+    assert all(": headline 0." in line for line in lines)
 
 
 def test_values_up_to_255_and_alpha_are_named(suite, template, tmp_path):
@@ -270,16 +294,16 @@ def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):
     data[len(data) // 2] ^= 1
     (tmp_path / "jade-phone.png").write_bytes(data)
     shutil.copyfile(tmp_path / "jade-phone.png", tmp_path / "jade-fone.png")
-    seconds = {"jade-phone": -1.0}
+    changed = {"seconds": {"jade-phone": -1.0, "jade": 2.0}, "authors": [" "]}
     old = {
         **submission,
-        "seconds": seconds,
+        **changed,
         "protocol": "inim-bench-0.9",
         "tracks": ["rgb"],
         "licence": " ",
     }
     (tmp_path / "submission.json").write_text(json.dumps(old))
-    with pytest.raises(SubmissionError, match=r"and \d more") as caught:
+    with pytest.raises(SubmissionError, match=r"and \d+ more") as caught:
         plan_scores(suite, tmp_path, as_is=False)
     text = "\n".join(caught.value.mistakes)
     for words in (
@@ -287,6 +311,9 @@ def test_mistakes_in_the_files_are_all_named(suite, template, tmp_path):
         "track 'rgb'",
         "licence is empty",
         "seconds of jade-phone is -1; give a positive time",
+        "seconds of 'jade': ",
+        "authors is empty; name the authors",
+        "name 'template' is an algorithm of inim; choose another",
         "altar-sheet: has no picture; add altar-sheet.png or altar-sheet.exr",
         "altar-sheet.png: is listed in submission.json and missing",
         "jade-phone.png: is not the file of submission.json",

@@ -216,14 +216,16 @@ def _remarks(data: BoardDocument) -> list[str]:
     copies = [
         f"{result.submission.name}: {text}" for result in data.results for text in result.warnings
     ]
+    cases = {case for result in data.results for track in result.scores.values() for case in track}
     relics = [
         f"{relic.name}: {relic.source}, {relic.licence}"
         for relic in RELICS.values()
-        if relic.scan is not None
+        if relic.scan is not None and relic.name in map(_relic, cases)
     ]
     return [
         data.citation,
-        f"Headline: {HEADLINE_WORDS}. Sides are the viewpoints apart from the middle one.",
+        f"Headline: {HEADLINE_WORDS}. Its interval is that of the truth's noise, over the same "
+        "relics. Sides are the viewpoints apart from the middle one.",
         "Differences to the best are means over relics, with Student's 95 % interval.",
         f"{OPTIMAL}: its views come closest to the scene, not to the reference; it is the bound of "
         "what is possible.",

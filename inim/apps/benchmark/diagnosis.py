@@ -6,6 +6,7 @@ truth, the mistake is named. Distances are root mean squares of sRGB values.
 
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -20,6 +21,8 @@ _LEAST_GAIN_DB = 2.0
 _LEAST_RESEMBLANCE_DB = 1.0
 # Saturated pixels beyond those of the truth.
 _MOST_CLIPPED = 0.01
+# Difference of sRGB channels that is a colour.
+_LEAST_COLOUR = 0.1
 _WHITE = 1 - 0.5 / 255
 
 
@@ -32,16 +35,28 @@ class Judged(NamedTuple):
     truth: np.ndarray
 
 
-def _turn_elemental_images(eia: np.ndarray, display: Display) -> np.ndarray:
-    """Rotate each elemental image by 180 degrees about the axis of its lens."""
+_CHANNELS = "its channels are"
+# Channels of a file in the wrong order, by the places of red, green and blue in it.
+_ORDERS = {"BGR": (2, 1, 0), "RBG": (0, 2, 1), "GRB": (1, 0, 2), "GBR": (2, 0, 1), "BRG": (1, 2, 0)}
+
+
+def _permute(eia: np.ndarray, _: Display, order: Sequence[int]) -> np.ndarray:
+    return eia[..., list(order)]
+
+
+def _turn_elemental_images(
+    eia: np.ndarray, display: Display, *, across: bool = True, up: bool = True
+) -> np.ndarray:
+    """Reverse each elemental image about the axis of its lens, in one direction or in both."""
     turned = eia.copy()
     rows, columns = display.eia_shape
     pitch = display.pixel_pitch_mm
     for channel, subpixel in enumerate(SUBPIXELS[display.subpixels]):
         offset = PixelOffset(subpixel.right * 0, subpixel.right, subpixel.channel)
         rays = pixel_rays(display, slice(0, rows), offset)
-        x = rays.x0 + rays.slope_x * rays.gap_mm - float(subpixel.right) * pitch
-        y = rays.y0 + rays.slope_y * rays.gap_mm
+        x = rays.x0 + (1 if across else -1) * rays.slope_x * rays.gap_mm
+        x = x - float(subpixel.right) * pitch
+        y = rays.y0 + (1 if up else -1) * rays.slope_y * rays.gap_mm
         column = np.rint(x / pitch + (columns - 1) / 2).astype(int)
         row = np.rint((rows - 1) / 2 - y / pitch).astype(int)
         row, column = np.broadcast_arrays(row, column)
@@ -53,14 +68,25 @@ def _turn_elemental_images(eia: np.ndarray, display: Display) -> np.ndarray:
 
 #: Inverses by mistake.
 _INVERSES: dict[str, tuple[str, Callable[[np.ndarray, Display], np.ndarray]]] = {
-    "red and blue are swapped (BGR)": (
-        "write RGB", lambda eia, _: eia[..., ::-1]),
+    **{
+        f"{_CHANNELS} {name}": ("write RGB", partial(_permute, order=order))
+        for name, order in _ORDERS.items()
+    },
+    "its black is code 16, as in video of limited range": (
+        "black is 0 and white is 255",
+        lambda eia, _: linear_from_srgb(np.clip((srgb_from_linear(eia) * 255 - 16) / 219, 0, 1))),
     "its rows are in reverse order (upside down)": (
         "row 0 is the top", lambda eia, _: eia[::-1]),
     "its columns are in reverse order (mirrored)": (
         "column 0 is on the left, as the viewer sees the panel", lambda eia, _: eia[:, ::-1]),
     "it is rotated by 180 degrees": (
         "row 0 is the top", lambda eia, _: eia[::-1, ::-1]),
+    "it is pseudoscopic: each elemental image is reversed from left to right": (
+        "a ray through a lens is mirrored at its centre",
+        partial(_turn_elemental_images, up=False)),
+    "it is pseudoscopic: each elemental image is reversed from top to bottom": (
+        "a ray through a lens is mirrored at its centre",
+        partial(_turn_elemental_images, across=False)),
     "it is pseudoscopic: each elemental image is rotated by 180 degrees": (
         "rotate the elemental images; a ray through a lens is mirrored at its centre",
         _turn_elemental_images),
@@ -84,7 +110,7 @@ class Undone(NamedTuple):
 
 def content_mistakes(judged: Sequence[Judged]) -> list[str]:
     """Sentences on mistakes in the content of EIAs, each with its remedy."""
-    mistakes = _clipped(judged)
+    mistakes = [*_clipped(judged), *_grey(judged)]
     undone_by_mistake: dict[tuple[str, str], dict[str, Undone]] = {}
     for case in judged:
         if _is_clipped(case):
@@ -108,8 +134,13 @@ def content_mistakes(judged: Sequence[Judged]) -> list[str]:
 
 def _inverses(case: Judged, error: float) -> Iterator[Undone]:
     """Effects of the inverses of all mistakes."""
+    of_chroma = _error_db(case.eia, case.truth, chroma=True)
     for mistake, (remedy, inverse) in _INVERSES.items():
-        gain = error - _error_db(inverse(case.eia, case.display), case.truth)
+        undone = inverse(case.eia, case.display)
+        if mistake.startswith(_CHANNELS):  # colours of a relic may be similar in two channels
+            gain = of_chroma - _error_db(undone, case.truth, chroma=True)
+        else:
+            gain = error - _error_db(undone, case.truth)
         yield Undone(gain, mistake, remedy)
     down, right = _shift_of(case)
     gain = error - _error_db(np.roll(case.eia, (-down, -right), (0, 1)), case.truth)
@@ -121,13 +152,18 @@ def _inverses(case: Judged, error: float) -> Iterator[Undone]:
     yield Undone(gain, "it is shifted", "take the lens of a pixel from rays.exr", detail)
 
 
-def _error_db(eia: np.ndarray, truth: np.ndarray) -> float:
-    """Root mean square of the difference of sRGB values, in decibels; smaller is closer."""
+def _error_db(eia: np.ndarray, truth: np.ndarray, *, chroma: bool = False) -> float:
+    """Root mean square of the difference of sRGB values, in decibels; smaller is closer.
+
+    Of the differences between channels only for `chroma`.
+    """
     difference = srgb_from_linear(np.clip(eia, 0, 1)) - srgb_from_linear(np.clip(truth, 0, 1))
+    if chroma:
+        difference = difference - difference.mean(axis=-1, keepdims=True)
     return 10 * math.log10(float(np.mean(difference.astype(np.float64) ** 2)) + 1e-9)
 
 
-def _grey(image: np.ndarray) -> np.ndarray:
+def _brightness(image: np.ndarray) -> np.ndarray:
     grey: np.ndarray = srgb_from_linear(np.clip(image, 0, 1)).mean(axis=-1, dtype=np.float64)
     grey -= grey.mean()
     return grey
@@ -135,12 +171,24 @@ def _grey(image: np.ndarray) -> np.ndarray:
 
 def _shift_of(case: Judged) -> tuple[int, int]:
     """Pixels down and right by which the EIA is moved, at most a lens and a half."""
-    spectrum = np.fft.rfft2(_grey(case.eia)) * np.conj(np.fft.rfft2(_grey(case.truth)))
+    spectrum = np.fft.rfft2(_brightness(case.eia)) * np.conj(np.fft.rfft2(_brightness(case.truth)))
     match = np.fft.irfft2(spectrum, case.truth.shape[:2])
     reach = math.ceil(1.5 * case.display.pixels_per_lens)
     window = np.roll(match, (reach, reach), (0, 1))[: 2 * reach + 1, : 2 * reach + 1]
     down, right = np.unravel_index(window.argmax(), window.shape)
     return int(down) - reach, int(right) - reach
+
+
+def _grey(judged: Sequence[Judged]) -> list[str]:
+    """Words on EIAs without colour, whose truth has colours."""
+    grey = [c.case for c in judged if not np.ptp(c.eia, axis=-1).any() and _is_coloured(c.truth)]
+    if not grey:
+        return []
+    return [f"{len(grey)} pictures are grey ({grey[0]}); write the colours of the input"]
+
+
+def _is_coloured(image: np.ndarray) -> bool:
+    return bool(np.quantile(np.ptp(srgb_from_linear(image), axis=-1), 0.99) > _LEAST_COLOUR)
 
 
 def _clipped_share(case: Judged) -> float:

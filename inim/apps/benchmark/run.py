@@ -11,7 +11,7 @@ import numpy as np
 
 from inim.apps.benchmark.definition import TIERS
 from inim.apps.benchmark.make import OPTIMAL, TRACED
-from inim.apps.benchmark.submission import DESCRIPTION, write_submission
+from inim.apps.benchmark.submission import DESCRIPTION, OWN_AUTHORS, write_submission
 from inim.apps.benchmark.suite import MadeCase, made_cases
 from inim.generators import merge_cameras, parse_algorithm, prepare
 from inim.image.files.eia_file import write_codes
@@ -115,7 +115,7 @@ def run_job(job: RunJob, staging: Path, observer: Observer) -> bool:
     write_submission(
         staging,
         name=job.algorithm,
-        authors=["inim"],
+        authors=OWN_AUTHORS,
         licence="BSD-3-Clause",
         tracks=list(tracks_of(job.algorithm)),
         seconds=seconds,

@@ -120,6 +120,9 @@ def run_job(job: ScoreJob, staging: Path, observer: Observer) -> bool:
     )
     for text in warnings:
         observer.line(text)
+    for track, of_cases in scores.items():
+        mean = fmean(score.headline for score in of_cases.values())
+        observer.line(f"{track}: headline {mean:.3f}, the mean of {len(of_cases)} cases")
     write_document(staging / RESULT, document)
     return True
 

@@ -9,10 +9,13 @@ from inim.apps.benchmark.document import SubmissionDocument
 from inim.apps.benchmark.make import file_digest
 from inim.apps.benchmark.protocol import PROTOCOL, TRACKS
 from inim.apps.benchmark.suite import MadeCase
+from inim.generators import algorithm_names
 from inim.system.document import read_document, write_document
 from inim.system.errors import FileError, UsageError, suggest_words
 
 DESCRIPTION = "submission.json"
+#: Authors of entries of this program, and its entries that are no algorithms.
+OWN_AUTHORS, RESERVED = ["inim"], ("copy", "optimal", "optimal-blind", "traced", "reference")
 _SUFFIXES = (".png", ".exr")
 
 
@@ -61,12 +64,19 @@ def file_mistakes(
     for field in ("name", "licence"):
         if not getattr(submission, field).strip():
             mistakes.append(f"{DESCRIPTION}: {field} is empty; fill it in")
+    if not any(author.strip() for author in submission.authors):
+        mistakes.append(f"{DESCRIPTION}: authors is empty; name the authors")
+    own = submission.name.partition(":")[0]
+    if submission.authors != OWN_AUTHORS and own in (*algorithm_names(), *RESERVED):
+        mistakes.append(f"{DESCRIPTION}: name {own!r} is an algorithm of inim; choose another")
+    names = [case.case.name for case in cases]
     for case, seconds in submission.seconds.items():
-        if not 0 < seconds < math.inf:
+        if case not in TIERS["full"]:
+            mistakes.append(f"{DESCRIPTION}: seconds of {case!r}: {suggest_words(case, names)}")
+        elif not 0 < seconds < math.inf:
             mistakes.append(
                 f"{DESCRIPTION}: seconds of {case} is {seconds:g}; give a positive time"
             )
-    names = [case.case.name for case in cases]
     for name in names:
         if picture_of(folder, name) is None:
             mistakes.append(f"{name}: has no picture; add {name}.png or {name}.exr")
@@ -74,16 +84,16 @@ def file_mistakes(
             mistakes.append(f"{name}: has two pictures, .png and .exr; keep one")
     for path in sorted(folder.iterdir()):
         if path.suffix in _SUFFIXES:
-            mistakes += _picture_mistakes(path, submission.files)
+            mistakes += _picture_mistakes(path, submission.files, names)
     for name in submission.files:
         if not (folder / name).is_file():
             mistakes.append(f"{name}: is listed in {DESCRIPTION} and missing; add it, or its case")
     return mistakes
 
 
-def _picture_mistakes(path: Path, digests: Mapping[str, str]) -> list[str]:
+def _picture_mistakes(path: Path, digests: Mapping[str, str], names: Sequence[str]) -> list[str]:
     if path.stem not in TIERS["full"]:
-        return [f"{path.name}: no case of that name; {suggest_words(path.stem, TIERS['full'])}"]
+        return [f"{path.name}: no case of that name; {suggest_words(path.stem, names)}"]
     if path.name not in digests:
         return [f"{path.name}: is not listed in {DESCRIPTION}; add its SHA-256 to files"]
     if file_digest(path) != digests[path.name]:
