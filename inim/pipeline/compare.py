@@ -20,6 +20,7 @@ from inim.scores.metrics import HEADLINE_WORDS, MAIN
 from inim.scores.regression.comparison import compare
 from inim.scores.regression.document import CompareDocument, Side
 from inim.scores.regression.scores import INTERVAL_LEVEL
+from inim.scores.regression.verdict import student_interval
 from inim.system.errors import UsageError
 from inim.system.process.atomic_file import write_atomically
 from inim.system.worker.output import output_files
@@ -85,8 +86,6 @@ def paired_differences(pairs: Sequence[Pair]) -> list[str]:
 
     A relic's change is the mean over its viewpoints. Source: Student, Biometrika 6, 1908.
     """
-    from scipy.special import stdtrit
-
     changes: dict[str, dict[str, float]] = defaultdict(dict)
     for pair in pairs:
         for algorithm, by_view in headline_changes(pair.data).items():
@@ -101,9 +100,8 @@ def paired_differences(pairs: Sequence[Pair]) -> list[str]:
             lines.append(f"{algorithm}: no paired test, because there is only one relic")
             continue
         mean = float(np.mean(values_of_relics))
-        error = float(np.std(values_of_relics, ddof=1)) / math.sqrt(count)
-        half = float(-stdtrit(count - 1, INTERVAL_LEVEL / 2)) * error
-        low, value, high = (number(x, MAIN.digits) for x in (mean - half, mean, mean + half))
+        ends = student_interval(values_of_relics, INTERVAL_LEVEL)
+        value, low, high = (number(x, MAIN.digits) for x in (mean, *ends))
         lines.append(
             f"{algorithm}: change of {HEADLINE_WORDS}, mean of {count} relics: "
             f"{value} [{low}, {high}], paired t-test"

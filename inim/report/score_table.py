@@ -8,10 +8,13 @@ import math
 from collections import defaultdict
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from inim.report.labels import is_number, last_digits, number
 from inim.scores.metrics import HEADLINE, find
+from inim.scores.regression.scores import INTERVAL_LEVEL
+from inim.scores.regression.verdict import student_interval
 from inim.system.errors import UsageError, suggest_words
 
 if TYPE_CHECKING:
@@ -207,9 +210,6 @@ def compare_algorithms(
     UsageError
         A report has no such algorithm or score, or there is no report.
     """
-    import numpy as np
-    from scipy import stats
-
     if not reports:
         raise UsageError("reports: there are none; give the reports of several relics")
     differences: dict[str, float] = {}
@@ -223,13 +223,14 @@ def compare_algorithms(
                 raise UsageError(f"{report.folder}: {name}: {suggest_words(name, names)}")
             means.append(math.fsum(values) / len(values))
         differences[str(report.folder)] = means[0] - means[1]
-    sample = np.array(list(differences.values()))
-    mean, low, high, p_value = float(sample.mean()), math.nan, math.nan, math.nan
+    sample = [*differences.values()]
+    mean, low, high, p_value = fmean(sample), math.nan, math.nan, math.nan
     if len(sample) > 1:
-        half = stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample)
-        low, high = mean - float(half), mean + float(half)
+        low, high = student_interval(sample, INTERVAL_LEVEL)
     if len(sample) >= _LEAST_FOR_TEST:
-        p_value, reason = float(stats.wilcoxon(sample).pvalue) if sample.any() else 1.0, ""
+        from scipy.stats import wilcoxon  # takes two seconds to load
+
+        p_value, reason = float(wilcoxon(sample).pvalue) if any(sample) else 1.0, ""
     else:
         reason = (
             f"{len(sample)} of at least {_LEAST_FOR_TEST} relics; with fewer, the test cannot "

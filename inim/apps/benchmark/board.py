@@ -6,8 +6,6 @@ from pathlib import Path
 from statistics import fmean, median
 from typing import Any
 
-import numpy as np
-
 from inim.apps.benchmark.definition import RELICS, case_of
 from inim.apps.benchmark.document import (
     BoardDocument,
@@ -26,6 +24,8 @@ from inim.report.score_table import latex_table, latex_text
 from inim.report.study import Fold, PagePart, StudyPage, Table
 from inim.scores.document_parts import origin
 from inim.scores.metrics import HEADLINE_WORDS
+from inim.scores.regression.scores import INTERVAL_LEVEL
+from inim.scores.regression.verdict import student_interval
 from inim.system.document import decode, encode, read_document, write_text
 from inim.system.errors import FileError
 from inim.system.worker.output import output_files
@@ -86,9 +86,9 @@ def _headline(score: ViewScores) -> float:
 def _mean(
     scores: Mapping[str, ViewScores],
     cases: Iterable[str],
-    value: Callable[[ViewScores], float | None],
+    value: Callable[[ViewScores], float],
 ) -> float:
-    return fmean(value(scores[case]) or 0.0 for case in cases)
+    return fmean(value(scores[case]) for case in cases)
 
 
 def _by_relic(scores: Mapping[str, ViewScores], cases: Sequence[str]) -> dict[str, float]:
@@ -143,16 +143,11 @@ def _difference(
 
     The interval is unknown for a single relic.
     """
-    from scipy import stats
-
-    sample = np.array([relics[name] - best[name] for name in relics])
-    if not sample.any():
+    sample = [relics[name] - best[name] for name in relics]
+    if not any(sample):
         return None
-    mean = float(sample.mean())
-    if len(sample) < 2:
-        return mean, None, None
-    half = float(stats.t.ppf(0.975, len(sample) - 1) * stats.sem(sample))
-    return mean, mean - half, mean + half
+    low, high = student_interval(sample, INTERVAL_LEVEL) if len(sample) > 1 else (None, None)
+    return fmean(sample), low, high
 
 
 _HEADS = (
@@ -201,12 +196,15 @@ def write_board(suite: Path, out: Path, command: str) -> None:
         page.write(document, staging, "board")
 
 
+def _cases(data: BoardDocument) -> set[str]:
+    return {case for result in data.results for track in result.scores.values() for case in track}
+
+
 def _facts(data: BoardDocument) -> list[str]:
-    cases = {case for result in data.results for track in result.scores.values() for case in track}
     entries = len(data.results)
     return [
         data.protocol,
-        f"{len(cases)} cases",
+        f"{len(_cases(data))} cases",
         f"{entries} submissions",
         f"inim {data.inim_version}",
     ]
@@ -216,11 +214,11 @@ def _remarks(data: BoardDocument) -> list[str]:
     copies = [
         f"{result.submission.name}: {text}" for result in data.results for text in result.warnings
     ]
-    cases = {case for result in data.results for track in result.scores.values() for case in track}
+    shown = {*map(_relic, _cases(data))}
     relics = [
         f"{relic.name}: {relic.source}, {relic.licence}"
         for relic in RELICS.values()
-        if relic.scan is not None and relic.name in map(_relic, cases)
+        if relic.scan is not None and relic.name in shown
     ]
     return [
         data.citation,

@@ -35,13 +35,8 @@ class Judged(NamedTuple):
     truth: np.ndarray
 
 
-_CHANNELS = "its channels are"
 # Channels of a file in the wrong order, by the places of red, green and blue in it.
 _ORDERS = {"BGR": (2, 1, 0), "RBG": (0, 2, 1), "GRB": (1, 0, 2), "GBR": (2, 0, 1), "BRG": (1, 2, 0)}
-
-
-def _permute(eia: np.ndarray, _: Display, order: Sequence[int]) -> np.ndarray:
-    return eia[..., list(order)]
 
 
 def _turn_elemental_images(
@@ -68,10 +63,6 @@ def _turn_elemental_images(
 
 #: Inverses by mistake.
 _INVERSES: dict[str, tuple[str, Callable[[np.ndarray, Display], np.ndarray]]] = {
-    **{
-        f"{_CHANNELS} {name}": ("write RGB", partial(_permute, order=order))
-        for name, order in _ORDERS.items()
-    },
     "its black is code 16, as in video of limited range": (
         "black is 0 and white is 255",
         lambda eia, _: linear_from_srgb(np.clip((srgb_from_linear(eia) * 255 - 16) / 219, 0, 1))),
@@ -134,14 +125,13 @@ def content_mistakes(judged: Sequence[Judged]) -> list[str]:
 
 def _inverses(case: Judged, error: float) -> Iterator[Undone]:
     """Effects of the inverses of all mistakes."""
-    of_chroma = _error_db(case.eia, case.truth, chroma=True)
     for mistake, (remedy, inverse) in _INVERSES.items():
         undone = inverse(case.eia, case.display)
-        if mistake.startswith(_CHANNELS):  # colours of a relic may be similar in two channels
-            gain = of_chroma - _error_db(undone, case.truth, chroma=True)
-        else:
-            gain = error - _error_db(undone, case.truth)
-        yield Undone(gain, mistake, remedy)
+        yield Undone(error - _error_db(undone, case.truth), mistake, remedy)
+    of_chroma = _error_db(case.eia, case.truth, chroma=True)
+    for name, order in _ORDERS.items():  # colours of a relic may be similar in two channels
+        after = _error_db(case.eia[..., list(order)], case.truth, chroma=True)
+        yield Undone(of_chroma - after, f"its channels are {name}", "write RGB")
     down, right = _shift_of(case)
     gain = error - _error_db(np.roll(case.eia, (-down, -right), (0, 1)), case.truth)
     pitch = case.display.pixels_per_lens

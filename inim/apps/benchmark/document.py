@@ -109,8 +109,8 @@ class ViewScores(Part):
 
     headline: float  #: SSIM on the relic to the reference: views of the true EIA, same optics.
     headline_error: float  #: Half the width of its 95 % interval.
-    centre: float | None  #: Headline at the middle viewpoint.
-    sides: float | None  #: Mean headline of the other viewpoints.
+    centre: float  #: Headline at the middle viewpoint.
+    sides: float  #: Mean headline of the other viewpoints.
     to_truth: float  #: SSIM on the relic to the ground truth.
     psnr_to_truth_db: float  #: PSNR of whole views to the ground truth, dB.
     psnr_db: float | None  #: PSNR of the whole EIA; null: identical.
@@ -141,8 +141,8 @@ class BoardEntry(Part):
     headline_error: float  #: Half the width of its 95 % interval, from the truth's noise.
     worst: str  #: Relic with the lowest mean.
     worst_headline: float  #: Its mean headline.
-    centre: float | None  #: Mean headline at the middle viewpoint.
-    sides: float | None  #: Mean headline at the other viewpoints.
+    centre: float  #: Mean headline at the middle viewpoint.
+    sides: float  #: Mean headline at the other viewpoints.
     to_truth: float  #: Mean SSIM to the ground truth.
     psnr_db: float | None  #: Mean PSNR of EIAs; null: identical.
     #: Share of what is possible: error of the optimal EIA's views over that of its own, root mean

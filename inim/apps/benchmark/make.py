@@ -76,7 +76,6 @@ class CaseJob:
             request = Request(
                 scene=scene, out=Path(case.name), definitions=definitions, display=case.display,
                 viewpoints=tuple(case.viewpoints), algorithms=("template",), misalign=misalign,
-                no_skip=False,
             )  # fmt: skip
             return make_plan(request, of_scene=True)
 

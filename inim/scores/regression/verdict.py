@@ -95,6 +95,19 @@ def welch_p_value(
     return np.where(error == 0, np.where(difference == 0, 1.0, 0.0), p)
 
 
+def student_interval(sample: Sequence[float], level: float) -> tuple[float, float]:
+    """Interval of the mean of two or more independent normal values.
+
+    Source: Student, Biometrika 6, 1908.
+    """
+    from scipy.special import stdtrit
+
+    mean, count = float(np.mean(sample)), len(sample)
+    error = float(np.std(sample, ddof=1)) / math.sqrt(count)
+    half = float(-stdtrit(count - 1, level / 2)) * error
+    return mean - half, mean + half
+
+
 def binomial_interval(count: int, trials: int, level: float) -> tuple[float, float]:
     """Exact interval of a share, observed as `count` of `trials`.
 
