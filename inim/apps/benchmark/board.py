@@ -214,11 +214,11 @@ def _remarks(data: BoardDocument) -> list[str]:
     copies = [
         f"{result.submission.name}: {text}" for result in data.results for text in result.warnings
     ]
-    shown = {*map(_relic, _cases(data))}
+    names_on_board = {*map(_relic, _cases(data))}
     relics = [
         f"{relic.name}: {relic.source}, {relic.licence}"
         for relic in RELICS.values()
-        if relic.scan is not None and relic.name in shown
+        if relic.scan is not None and relic.name in names_on_board
     ]
     return [
         data.citation,
