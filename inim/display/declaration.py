@@ -153,6 +153,13 @@ def _kinds(hint: Any) -> tuple[list[Any], Values | None]:
     return list(parts) if origin is Literal else [origin or hint], None
 
 
+def stated_repr(value: Any) -> str:
+    """`repr` of a dataclass without the fields at their defaults."""
+    values = {f.name: (getattr(value, f.name), f.default) for f in fields(value)}
+    stated = [f"{name}={v!r}" for name, (v, default) in values.items() if v != default]
+    return f"{type(value).__name__}({', '.join(stated)})"
+
+
 def meanings(declaration: type) -> dict[str, str]:
     """Meanings of the fields of a dataclass, by name: their comments; ``{}`` is the default."""
     comments = field_comments(declaration)

@@ -20,7 +20,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from inim.display.cells import check_cells, parse_cells
-from inim.display.declaration import Values, declared, meanings
+from inim.display.declaration import Values, declared, meanings, stated_repr
 from inim.display.layers import parse_layers
 from inim.display.layouts import LAYOUTS, Layout
 from inim.display.panel import COLDEST_K, HOTTEST_K
@@ -240,10 +240,7 @@ class Display:
         self.layout.check()
         self._check_depth_range()
 
-    def __repr__(self) -> str:
-        values = self.parameters().items()
-        stated = [f"{k}={v!r}" for k, v in values if v != declared(Display)[k].default]
-        return f"Display({', '.join(stated)})"
+    __repr__ = stated_repr
 
     def _check_magnitude(self, name: str) -> None:
         size = abs(getattr(self, name) or 0.0)

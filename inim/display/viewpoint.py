@@ -5,9 +5,11 @@ import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
+from numbers import Real
 
 import numpy as np
 
+from inim.display.declaration import stated_repr
 from inim.display.display import Display
 from inim.system.errors import UsageError, ViewpointError, suggest_words
 
@@ -28,7 +30,7 @@ _FARTHEST_AIM_IN_NEAREST = 20.0
 _NAME = re.compile(r"[\w.+-]{1,64}")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Viewpoint:
     """An eye in the display frame, looking at the lens array through an off-axis frustum.
 
@@ -50,6 +52,8 @@ class Viewpoint:
     z_mm: float
     pupil_mm: float = 0.0
     focus_mm: float | None = None
+
+    __repr__ = stated_repr
 
     def __post_init__(self) -> None:
         if not is_file_safe(self.name):
@@ -183,7 +187,8 @@ def zone_half_mm(display: Display, distance_mm: float) -> tuple[float, float]:
 def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
     """Viewpoints one by one, each a `Viewpoint` or its text.
 
-    * `viewpoints`: texts are separated at their commas; see `parse_viewpoints`.
+    * `viewpoints`: texts are separated at their commas; see `parse_viewpoints`. Three numbers are a
+      position in millimetres, which also names the viewpoint.
 
     Raises `UsageError`: another type, or no viewpoint at all.
     """
@@ -194,11 +199,14 @@ def viewpoint_items(viewpoints: object) -> tuple[str | Viewpoint, ...]:
             item.strip() for item in viewpoints.split(",") if item.strip()
         )
     elif isinstance(viewpoints, list | tuple):
+        if len(viewpoints) == 3 and all(isinstance(item, Real) for item in viewpoints):
+            x, y, z = map(float, viewpoints)
+            return (Viewpoint(f"{x:g}_{y:g}_{z:g}", x, y, z),)
         items = tuple(item for part in viewpoints for item in viewpoint_items(part))
     else:
         raise UsageError(
             f"viewpoints: {viewpoints!r} is a {type(viewpoints).__name__}; give a Viewpoint, a "
-            "name such as 'centre', 'name=x y z' in mm, or a list of these"
+            "name such as 'centre', 'name=x y z' or (x, y, z) in mm, or a list of these"
         )
     if not items:
         raise ViewpointError("viewpoints: none given; name at least one, such as 'centre'")
@@ -216,7 +224,7 @@ def viewpoints_text(viewpoints: Iterable[str | Viewpoint]) -> str:
 
 
 def parse_viewpoints(
-    viewpoints: str | Viewpoint | Sequence[str | Viewpoint],
+    viewpoints: str | Viewpoint | Sequence[str | Viewpoint | Sequence[float]],
     display: Display,
     distance_mm: float | None = None,
     pupil_mm: float = 0.0,
@@ -258,15 +266,21 @@ def parse_viewpoints(
     )
 
 
-def viewpoint_of(viewpoint: Viewpoint | str, display: Display) -> Viewpoint:
+def single_viewpoint(viewpoint: object) -> str | Viewpoint:
+    """The only one of `viewpoint_items`; raises `ViewpointError` for several."""
+    item, *others = viewpoint_items(viewpoint)
+    if others:
+        raise ViewpointError(f"viewpoint {viewpoint!r}: names several; give one")
+    return item
+
+
+def viewpoint_of(viewpoint: Viewpoint | str | Sequence[float], display: Display) -> Viewpoint:
     """A viewpoint from a value, or from its text as `parse_viewpoints` reads it; not checked.
 
     Raises `UsageError` or `ViewpointError`: another type, several viewpoints, or text that cannot
     be read.
     """
-    item, *others = viewpoint_items(viewpoint)
-    if others:
-        raise ViewpointError(f"viewpoint {viewpoint!r}: names several; give one")
+    item = single_viewpoint(viewpoint)
     if isinstance(item, Viewpoint):
         return item
     return _parse_viewpoint(item, display, default_distance_mm(display))

@@ -1,5 +1,6 @@
 """Reconstruction: the view of an EIA on a display from an eye position."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -181,7 +182,7 @@ def _black_screens(display: Display, sheet: SheetMesh) -> dict[str, Any]:
 def reconstruct(
     eia: np.ndarray,
     display: Display | str | Path,
-    viewpoint: Viewpoint | str,
+    viewpoint: Viewpoint | str | Sequence[float],
     lens_model: LensModelName | LensModel = "thick",
     *,
     pixels_per_lens: int = 4,
@@ -201,9 +202,9 @@ def reconstruct(
         codes of a PNG, are refused; `inim.image.files.eia_file.read_eia` reads files as linear RGB.
     display : Display, str or Path
         A display, the name of a preset, or a display file.
-    viewpoint : Viewpoint or str
-        A viewpoint, or its text: ``"centre"``, ``"mine=10 -5 400"``. Must lie inside the viewing
-        zone, with its pupil, unless `allow_flips`.
+    viewpoint : Viewpoint, str or (x, y, z)
+        A viewpoint, its text: ``"centre"``, ``"mine=10 -5 400"``, or its position in mm. Must be
+        inside the viewing zone, with its pupil, unless `allow_flips`.
     lens_model : {"pinhole", "thin", "thick", "full"} or LensModel
         Of another package, pass the registered `inim.display.lens.LensModel`; its name works, too.
     pixels_per_lens : int

@@ -11,7 +11,7 @@ import pytest
 
 import inim
 from inim.display import DISPLAYS, Viewpoint
-from inim.display.viewpoint import viewpoint_of
+from inim.display.viewpoint import parse_viewpoints, viewpoint_of
 from inim.system.errors import InimError, UsageError
 from tests.conftest import small_display
 
@@ -51,6 +51,15 @@ def test_a_viewpoint_is_a_value_or_its_text(renderer, text):
     assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, eye, **options))
 
 
+def test_a_viewpoint_is_a_position_in_millimetres(renderer):
+    options = {"pixels_per_lens": 1, "spp": 2}
+    view = inim.reconstruct(EIA, NOMINAL, (-20, 5.5, 400), **options)
+    eye = Viewpoint("eye", -20, 5.5, 400)
+    assert np.array_equal(view, inim.reconstruct(EIA, NOMINAL, eye, **options))
+    names = [eye.name for eye in parse_viewpoints([(-20, 5.5, 400), (0, 0, 400)], NOMINAL)]
+    assert names == ["-20_5.5_400", "0_0_400"]
+
+
 @pytest.mark.parametrize(
     ("eia", "display", "viewpoint", "says"),
     [
@@ -61,6 +70,7 @@ def test_a_viewpoint_is_a_value_or_its_text(renderer, text):
         (EIA, 3, "centre", "display: 3 is a int; give a Display"),
         (EIA, "nominal", "center", "did you mean centre"),
         (EIA, "nominal", Viewpoint("far", 900, 0, 300), "outside the viewing zone"),
+        (EIA, "nominal", (0, 400), r"viewpoints: 0 is a int; .* or \(x, y, z\) in mm"),
         (EIA, "gone.xml", "centre", "gone.xml: no such file"),
     ],
 )
