@@ -2,8 +2,21 @@
 
 from inim.display.display import Display
 from inim.display.looking_glass import TYPICAL
+from inim.system.errors import suggest_words
 
-DISPLAYS = {
+
+class Presets(dict[str, Display]):
+    """Displays by name."""
+
+    def __missing__(self, name: object) -> Display:
+        raise KeyError(f"no display {name!r}; {self.suggest(name)}")
+
+    def suggest(self, name: object) -> str:
+        """Remedy for an unknown name."""
+        return suggest_words(name, self, most=2)
+
+
+DISPLAYS = Presets({
     "nominal": Display(
         pitch_mm=1.0,
         focal_length_mm=3.0,
@@ -40,4 +53,4 @@ DISPLAYS = {
         name="fine",
     ),
     **{name: values.display(name=name) for name, values in TYPICAL.items()},
-}
+})  # fmt: skip

@@ -155,7 +155,7 @@ class Settings(_Stated):
         Raises `SceneError` for an unknown preset, and `DisplayError` for an impossible display.
         """
         if self.display not in DISPLAYS:
-            way_out = suggest_words(self.display, DISPLAYS)
+            way_out = DISPLAYS.suggest(self.display)
             if self.display.lower().endswith(".xml"):
                 way_out = f"name a file with --display: --display {self.display}"
             raise SceneError(

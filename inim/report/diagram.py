@@ -66,7 +66,8 @@ def draw_plan(axis: Any, display: Display, viewpoints: Sequence[EyePosition]) ->
             axis.plot([distance] * 2, ends, "_-", color=plots.BLUE, linewidth=1, label="flip limit")
     eyes = [[eye.position_mm[n] for eye in viewpoints] for n in (2, 0)]
     ring = {"color": plots.BLUE, "markersize": 6, "markerfacecolor": "white", "linestyle": "none"}
-    axis.plot(*eyes, "o", **ring, label="eyes")
+    if viewpoints:
+        axis.plot(*eyes, "o", **ring, label="eyes")
     axis.set_xlim(min(-display.gap_mm, low, -0.03 * far) * 1.2, far)
     plots.style(
         axis,

@@ -119,17 +119,18 @@ _LONGEST_WORD = 80
 
 
 def suggest_words(
-    word: object, allowed: Iterable[str], otherwise: str = "", prefix: str = ""
+    word: object, allowed: Iterable[str], otherwise: str = "", prefix: str = "", most: int = 1
 ) -> str:
     """Remedy for an unknown word: "did you mean X?", or a list of all allowed words.
 
     * `otherwise`: text instead of "use A or B" if no allowed word is similar.
-    * `prefix`: text before the suggested word.
+    * `prefix`: text before each suggested word.
+    * `most`: number of similar words to suggest.
     """
     import difflib
 
     allowed = list(allowed)
-    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], allowed, n=1)
+    near = difflib.get_close_matches(str(word)[:_LONGEST_WORD], allowed, n=most)
     if near:
-        return f"did you mean {prefix}{near[0]}?"
+        return f"did you mean {' or '.join(prefix + word for word in near)}?"
     return otherwise or f"use {' or '.join(allowed)}"

@@ -11,9 +11,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from inim.display import DISPLAYS, Display
+from inim.display import DISPLAYS, Display, Viewpoint
 from inim.display.pixels import pixel_rays
 from inim.generators.accuracy_limits import accuracy_warnings
+from inim.report.diagram import plan_view
+from inim.scores.document_parts import EyePosition
 from inim.system.errors import DisplayError
 from tests import oracle
 
@@ -138,6 +140,22 @@ def test_the_text_of_a_display_has_only_what_differs_from_the_defaults():
     text = "Display(pitch_mm=1.0, focal_length_mm=3.0, gap_mm=3.3, pixel_pitch_mm=0.1, "
     text += "lens_columns=8, lens_rows=6, layers=((0.5, 1.5),))"
     assert repr(Display(1, 3, 3.3, 0.1, 8, 6, layers="0.5 1.5")) == text
+
+
+def test_an_unknown_preset_suggests_those_with_similar_names():
+    with pytest.raises(KeyError, match=r"no display 'fone'; did you mean fine or phone\?"):
+        DISPLAYS["fone"]
+    assert DISPLAYS.get("fone") is None
+
+
+def test_the_text_of_a_viewpoint_has_only_what_differs_from_the_defaults():
+    assert repr(Viewpoint("a", 1, 2, 300)) == "Viewpoint(name='a', x_mm=1, y_mm=2, z_mm=300)"
+    assert repr(Viewpoint("a", 1, 2, 300, pupil_mm=4)).endswith("z_mm=300, pupil_mm=4)")
+
+
+def test_plan_view_names_eyes_only_if_it_draws_them():
+    assert b">eyes<" not in plan_view(NOMINAL, ())
+    assert b">eyes<" in plan_view(NOMINAL, [EyePosition(name="a", position_mm=(1, 2, 300))])
 
 
 # -- pixels -------------------------------------------------------------------------------------

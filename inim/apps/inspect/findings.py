@@ -36,7 +36,7 @@ from inim.display.viewpoint import default_distance_mm
 from inim.generators.accuracy_limits import lenses_beside_panel
 from inim.render.scene_files.file import choose_display
 from inim.system.document import write_document
-from inim.system.errors import DisplayError, UsageError, suggest_words
+from inim.system.errors import DisplayError, UsageError
 from inim.system.process.atomic_file import file_errors
 from inim.system.version import __version__
 
@@ -131,7 +131,7 @@ def _named_display(display: Display | str | Path) -> Display | str | Path:
         return Path(display)
     raise UsageError(
         f"{display}: neither a file nor a preset; give a .xml or visual.json file, or "
-        f"{suggest_words(display, DISPLAYS)}; and change single values with -D inim.KEY=VALUE"
+        f"{DISPLAYS.suggest(display)}; and change single values with -D inim.KEY=VALUE"
     )
 
 
