@@ -31,7 +31,7 @@ class Layer:
     covered: NDArray[np.bool_]  #: (H, W) bool: where there is such a layer.
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class RGBD:
     """RGB-D picture of a depth camera in front of the display.
 
@@ -104,21 +104,32 @@ class RGBD:
         """Rows and columns."""
         return self.depth_mm.shape[0], self.depth_mm.shape[1]
 
+    def __repr__(self) -> str:
+        rows, columns = self.shape
+        size = f"{columns} x {rows} pixels of {self.pixel_mm:.4g} mm"
+        layers = f", {len(self.layers)} layers" if len(self.layers) > 1 else ""
+        low, high = self._depth_limits_mm()
+        depths = f"{self.covered.mean():.1%} covered, {low:.4g} to {high:.4g} mm"
+        return f"{type(self).__name__}({size}{layers}, {depths if low <= high else 'empty'})"
+
+    def _depth_limits_mm(self) -> tuple[float, float]:
+        """Smallest and largest depth of the covered pixels; NaN if there is none."""
+        depths = self.depth_mm[self.covered]
+        return (float(depths.min()), float(depths.max())) if depths.size else (math.nan, math.nan)
+
     def _repr_html_(self) -> str:
         """Thumbnails of colour and depth (near is white, no surface is blue), for notebooks."""
         from inim.image.color import png_data_uri, to_srgb
 
         step = max(1, math.ceil(max(self.shape) / _THUMBNAIL_PX))
         color, depth = self.color[::step, ::step], self.depth_mm[::step, ::step]
-        covered = self.covered[::step, ::step]
-        low, high = np.quantile(depth[covered], (0, 1)) if covered.any() else (0.0, 0.0)
+        covered, (low, high) = self.covered[::step, ::step], self._depth_limits_mm()
         gray = np.where(covered, (depth - low) / max(high - low, 1e-9), 0)[..., None]
         codes = np.repeat(np.rint(255 * gray).astype(np.uint8), 3, axis=-1)
         codes[~covered] = (30, 60, 120)
         colors = color[..., :3] if color.dtype == np.uint8 else to_srgb(color)
         images = "".join(f'<img src="{png_data_uri(pixels)}"> ' for pixels in (colors, codes))
-        rows, columns = self.shape
-        return f"{images}<br>{columns} x {rows} pixels, {low:.4g} to {high:.4g} mm"
+        return f"{images}<br>{self!r}"
 
     @property
     def layers(self) -> tuple[Layer, ...]:
@@ -142,7 +153,7 @@ class RGBD:
         return self.shape[0] * self.pixel_mm
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class LayeredRGBD(RGBD):
     """Layered depth image: columns are solid from each front to its back.
 

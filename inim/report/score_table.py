@@ -11,7 +11,8 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from inim.report.labels import is_number, last_digits, number
+from inim.report.labels import is_number, last_digits, number, precise
+from inim.report.page import text_table
 from inim.scores.metrics import HEADLINE, find
 from inim.scores.regression.scores import INTERVAL_LEVEL
 from inim.scores.regression.verdict import student_interval
@@ -22,10 +23,12 @@ if TYPE_CHECKING:
 
 #: Names the reference view where an algorithm could be named.
 REFERENCE = "reference"
+# What a row belongs to.
+_NAMES = ("relic", "algorithm", "viewpoint")
 _LATEX = str.maketrans({c: f"\\{c}" for c in "&%$#_{}"})
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ScoreTable:
     """Scores of reports, a row for each algorithm and viewpoint; the reference is among them.
 
@@ -75,6 +78,18 @@ class ScoreTable:
                 rows.append(row)
         return cls(chosen, rows)
 
+    def __repr__(self) -> str:
+        counts = [f"{name}s={len({row[name] for row in self.rows})}" for name in _NAMES]
+        return f"ScoreTable({', '.join(counts)}, scores={len(self.scores)})"
+
+    def _repr_html_(self) -> str:
+        """All rows with their intervals, for notebooks."""
+        rows = [
+            [row[name] for name in _NAMES] + [_with_interval(row, name) for name in self.scores]
+            for row in self.rows
+        ]
+        return text_table("Scores with 95 % intervals", [*_NAMES, *self.scores], rows)
+
     def to_pandas(self) -> Any:
         """A pandas DataFrame; needs the package pandas."""
         import pandas
@@ -95,8 +110,7 @@ class ScoreTable:
         Each cell has the score and half of its interval in units of the last digit:
         ``0.955(2)``. The best algorithm of each relic and viewpoint is bold.
         """
-        metric = find(score)
-        digits = 3 if metric is None else max(metric.digits - 1, 1)
+        metric, digits = find(score), _digits(score)
         views = list(dict.fromkeys((row["relic"], row["viewpoint"]) for row in self.rows))
         is_single = len({relic for relic, _ in views}) == 1
         heads = [view if is_single else f"{relic}, {view}" for relic, view in views]
@@ -148,6 +162,16 @@ def named_relics(reports: Report | Sequence[Report]) -> dict[str, Report]:
     return titles if len(titles) == len(listed) else {str(r.folder): r for r in listed}
 
 
+def _digits(score: str) -> int:
+    metric = find(score)
+    return 3 if metric is None else max(metric.digits - 1, 1)
+
+
+def _with_interval(row: dict[str, Any], score: str) -> str:
+    value, *interval = (row[name] for name in (score, f"{score}_low", f"{score}_high"))
+    return precise(value, interval, _digits(score))
+
+
 def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
     value, low, high = (row[name] for name in (score, f"{score}_low", f"{score}_high"))
     if not is_number(value):
@@ -161,7 +185,7 @@ def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
     return f"${text}^{{+{above:.{digits}f}}}_{{-{below:.{digits}f}}}$"
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PairedComparison:
     """Difference of a score between two algorithms, paired by relic.
 
@@ -187,8 +211,23 @@ class PairedComparison:
     p_value: float
     reason: str = ""
 
+    def __repr__(self) -> str:
+        mean, relics = self._mean_text, len(self.differences)
+        return f"PairedComparison(mean={mean}, p_value={self.p_value:.2g}, relics={relics})"
+
+    def _repr_html_(self) -> str:
+        """Differences, their mean and its probability, for notebooks."""
+        rows = [(name, number(d, _DIFFERENCE_DIGITS)) for name, d in self.differences.items()]
+        rows += [("mean", self._mean_text), ("p", self.reason or f"{self.p_value:.2g}")]
+        return text_table("First minus second algorithm", ["report", "difference"], rows)
+
+    @property
+    def _mean_text(self) -> str:
+        return precise(self.mean, (self.low, self.high), _DIFFERENCE_DIGITS)
+
 
 _LEAST_FOR_TEST = 6
+_DIFFERENCE_DIGITS = 4
 
 
 def compare_algorithms(

@@ -5,7 +5,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from inim.image.rgbd import RGBD
+from inim.image.rgbd import RGBD, Layer, LayeredRGBD
 from inim.system.errors import UsageError
 
 COLOR = np.linspace(0, 1, 2 * 3 * 3).reshape(2, 3, 3)
@@ -49,6 +49,24 @@ def test_values_are_float32_and_bool_and_do_not_change():
 def test_inconsistent_picture_is_refused_with_the_value(changes, message):
     with pytest.raises(UsageError, match=message):
         picture(**changes)
+
+
+def test_it_shows_its_size_and_the_depths_of_covered_pixels_alone():
+    depth = np.full((1000, 500), np.nan)
+    depth[3:997, 5:495], depth[501, 101] = 20, 12.5  # which is not in the thumbnail
+    color = np.zeros((*depth.shape, 3))
+    rgbd = RGBD(color, depth, np.isfinite(depth), 0.2)
+    assert repr(rgbd) == "RGBD(500 x 1000 pixels of 0.2 mm, 97.4% covered, 12.5 to 20 mm)"
+    html = rgbd._repr_html_()
+    assert html.count("<img ") == 2
+    assert html.endswith(f"<br>{rgbd!r}")
+    assert len(html) < 20_000
+    empty = picture(covered=np.zeros_like(COVERED))
+    assert "empty" in repr(empty) and "empty" in empty._repr_html_()
+    back, uncovered = np.full(depth.shape, -np.inf), np.zeros(depth.shape, bool)
+    deeper = (Layer(rgbd.color, depth, back, uncovered),)
+    layered = LayeredRGBD(color, depth, rgbd.covered, 0.2, back, deeper)
+    assert repr(layered).startswith("LayeredRGBD(500 x 1000 pixels of 0.2 mm, 2 layers, 97.4%")
 
 
 def test_depth_of_an_uncovered_pixel_may_be_anything():

@@ -44,6 +44,28 @@ def test_rows_have_values_and_ends_of_intervals():
     assert next(iter(csv.DictReader(io.StringIO(table.to_csv()))))[HEADLINE] == "0.95"
 
 
+def test_notebook_shows_all_rows_with_their_intervals():
+    table = report(**{"a": (0.95, 0.9), "<b>": (0.85, 0.8)}).table(HEADLINE)
+    assert repr(table) == "ScoreTable(relics=1, algorithms=3, viewpoints=2, scores=1)"
+    html = table._repr_html_()
+    assert html.count("<tr>") == 1 + len(table.rows)
+    assert "<td>0.900 ± 0.002</td>" in html
+    assert "<td>0.950</td>" in html
+    assert "<td>&lt;b&gt;</td>" in html
+
+
+def test_notebook_shows_the_differences_of_a_comparison():
+    reports = [report(f"relic{n}", a=(0.8 + n / 100, 0.7), b=(0.7, 0.8)) for n in range(6)]
+    result = compare_algorithms(reports, "a", "b")
+    assert repr(result) == "PairedComparison(mean=0.0125 ± 0.0099, p_value=0.062, relics=6)"
+    html = result._repr_html_()
+    assert html.count("<tr>") == 1 + 6 + 2
+    assert "<td>0.0125 ± 0.0099</td>" in html
+    single = compare_algorithms(reports[:1], "a", "b")
+    assert repr(single) == "PairedComparison(mean=0.0000, p_value=nan, relics=1)"
+    assert single.reason in single._repr_html_()
+
+
 def test_latex_has_uncertain_digits_and_the_best_in_bold():
     text = report(**{"template:samples=1": (0.95, 0.9), "my_own": (0.96, 0.8)}).table().to_latex()
     lines = [line for line in text.splitlines() if "&" in line]
