@@ -27,6 +27,9 @@ if TYPE_CHECKING:
     from inim.image.files.image import save_image as save_image
     from inim.image.rgbd import RGBD as RGBD
     from inim.pipeline.launch import validate as validate
+    from inim.pipeline.scene_images import capture as capture
+    from inim.pipeline.scene_images import render_eia as render_eia
+    from inim.pipeline.scene_images import render_view as render_view
     from inim.render.reconstruct import reconstruct as reconstruct
     from inim.render.scene_files.new_scene import new_scene as new_scene
     from inim.render.variant import register_plugins as register_plugins
@@ -40,12 +43,15 @@ _HOME = {
     "RGBD": "inim.image.rgbd",
     "Report": "inim.report",
     "Viewpoint": "inim.display",
+    "capture": "inim.pipeline.scene_images",
     "compare_algorithms": "inim.report.score_table",
     "generate": "inim.generators",
     "new_scene": "inim.render.scene_files.new_scene",
     "read_rgbd": "inim.image.files.image",
     "reconstruct": "inim.render.reconstruct",
     "register_plugins": "inim.render.variant",
+    "render_eia": "inim.pipeline.scene_images",
+    "render_view": "inim.pipeline.scene_images",
     "save_image": "inim.image.files.image",
     "score": "inim.scores.metrics",
     "to_srgb": "inim.image.color",
@@ -60,12 +66,15 @@ __all__ = [
     "Report",
     "Viewpoint",
     "__version__",
+    "capture",
     "compare_algorithms",
     "generate",
     "new_scene",
     "read_rgbd",
     "reconstruct",
     "register_plugins",
+    "render_eia",
+    "render_view",
     "save_image",
     "score",
     "to_srgb",

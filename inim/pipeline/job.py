@@ -27,7 +27,7 @@ def run_job(plan: Plan, staging: Path, observer: Observer) -> bool:
 
     An unchanged run writes its last report again, from the cache.
     """
-    cache = _open_cache(plan)
+    cache = open_cache(plan)
     with naming(plan.request.scene):
         if plan.is_reproducible:
             report = _run_or_reuse(plan, staging, observer, cache)
@@ -85,7 +85,7 @@ def run(
     observer = observer or Observer()
     with observer.timed("start"):
         run, renderer, images = setup(
-            plan, staging, observer, cache or _open_cache(plan), data_only=data_only
+            plan, staging, observer, cache or open_cache(plan), data_only=data_only
         )
     with images.thread, run.ahead:
         report = validate(plan, renderer, images, run)
@@ -96,7 +96,8 @@ def run(
     return report
 
 
-def _open_cache(plan: Plan) -> ResultCache:
+def open_cache(plan: Plan) -> ResultCache:
+    """The result cache of a plan's scene; without a store if the plan skips nothing."""
     store = None if plan.request.no_skip else open_store()
     return ResultCache(store, str(plan.request.scene.resolve()))
 

@@ -69,7 +69,7 @@ def validate(
     display: str | Path | Display | None = None,
     algorithms: str | Sequence[str | Mapping[str, Any]] | Mapping[str, Any] | None = None,
     cameras: str | int | None = None,
-    viewpoints: str | Viewpoint | Sequence[str | Viewpoint] | None = None,
+    viewpoints: str | Viewpoint | Sequence[str | Viewpoint | Sequence[float]] | None = None,
     lens_model: LensModelName | LensModel | None = None,
     misalign: str | Mapping[str, float] | None = None,
     eias: Mapping[str, str | Path] | None = None,
@@ -108,7 +108,8 @@ def validate(
     cameras : str or int, optional
         Also score RGB-D from several cameras, as after ``--cameras``: ``5`` or ``"3x3"``.
     viewpoints : str, Viewpoint or sequence, optional
-        Text as after ``--viewpoints``; or names (``"left"``), texts and `Viewpoint` objects.
+        Text as after ``--viewpoints``; or names (``"left"``), texts, `Viewpoint` objects and
+        positions ``(x, y, z)`` in mm, of eyes without a pupil.
         All `Viewpoint` objects must have the same pupil and focus, which apply to every viewpoint.
     lens_model : {"pinhole", "thin", "thick", "full"} or LensModel, optional
         Of another package, pass the registered `inim.display.lens.LensModel`; its name works, too.
@@ -157,21 +158,21 @@ def validate(
     from inim.generators import algorithm_items
     from inim.pipeline.request import Request
 
-    path, folder = scene_and_out(scene, None if out is None else _path("out", out), new_scene)
+    path, folder = scene_and_out(scene, None if out is None else path_of("out", out), new_scene)
     if eias is not None and not isinstance(eias, Mapping):
         raise UsageError(f"eias: is a {type(eias).__name__}; give a mapping of names to paths")
     request = Request(
         path,
         folder,
-        {str(name): _path(f"eias[{name!r}]", eia) for name, eia in (eias or {}).items()},
+        {str(name): path_of(f"eias[{name!r}]", eia) for name, eia in (eias or {}).items()},
         backend,
-        None if baseline is None else _path("baseline", baseline),
+        None if baseline is None else path_of("baseline", baseline),
         preview,
         time,
         lazy,
         no_skip,
-        _paths("allow_folders", allow_folders),
-        tuple(PluginModule.of(str(name)).text for name in _paths("plugins", plugins)),
+        paths_of("allow_folders", allow_folders),
+        tuple(PluginModule.of(str(name)).text for name in paths_of("plugins", plugins)),
         allow_changed_inputs,
         definitions={} if definitions is None else definitions,
         display=display,
@@ -190,13 +191,15 @@ def validate(
     return Report.load(request.out)
 
 
-def _paths(name: str, value: object) -> tuple[Path, ...]:
+def paths_of(name: str, value: object) -> tuple[Path, ...]:
+    """Paths in an argument, a path or several; raises `UsageError` for another type."""
     if isinstance(value, list | tuple):
-        return tuple(_path(name, item) for item in value)
-    return (_path(name, value),)
+        return tuple(path_of(name, item) for item in value)
+    return (path_of(name, value),)
 
 
-def _path(name: str, value: object) -> Path:
+def path_of(name: str, value: object) -> Path:
+    """Path in an argument; raises `UsageError` for another type."""
     if not isinstance(value, str | PathLike):
         raise UsageError(f"{name}: is a {type(value).__name__}; give a path")
     return Path(value)
