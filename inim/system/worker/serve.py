@@ -27,7 +27,8 @@ from inim.system.process.printing import printable, quiet_libraries
 from inim.system.process.python_process import exit_as_orphan, exit_with_parent
 from inim.system.process.user_paths import AbsolutePathPickler, remember_user_paths, user_text
 
-_BAR = "{desc}: {percentage:3.0f}%|{bar}| {remaining} left"
+# Without the remaining time: the scores decide how many rounds of samples follow.
+_BAR = "{desc} |{bar}| {elapsed}"
 _REDRAW_S = 1.0
 
 
@@ -70,7 +71,6 @@ class ConsoleObserver(Observer):
                 leave=False,
                 dynamic_ncols=True,
                 bar_format=_BAR,
-                smoothing=0,
                 file=sys.stderr,
             )
             self._thread = threading.Thread(target=self._redraw, daemon=True)
@@ -84,7 +84,7 @@ class ConsoleObserver(Observer):
         self._on_stage(name, self._finished / self._total if self._total else 0.0)
         if self._bar is not None:
             self._bar.n = self._finished
-            self._bar.set_description_str(name)
+            self._bar.set_description_str(f"{name}, step {self._finished + 1} of {self._total}")
 
     def line(self, text: str) -> None:
         """See `Observer`."""
@@ -95,7 +95,7 @@ class ConsoleObserver(Observer):
         print(printable(user_text(text)), flush=True)
 
     def _redraw(self) -> None:
-        """Update the remaining time during stages of many seconds."""
+        """Update the elapsed time during stages of many seconds."""
         while not self._over.wait(_REDRAW_S):
             self._bar.refresh()
 
