@@ -172,8 +172,10 @@ class Algorithm:
                 own[key] = value
             else:
                 every = [*names, *(n for n in vars(self.common) if n not in names)]
-                remedy = suggest_words(key, every, f"its options are {', '.join(every)}")
-                raise UsageError(f"algorithm {self.name!r} has no option {key!r}; {remedy}")
+                raise UsageError(
+                    f"algorithm {self.name!r} has no option {key!r}; its options are "
+                    f"{', '.join(every)}; {suggest_words(key, every, 'use one of these')}"
+                )
         options = choose_options(self.options, own, self.name) if self.finds_rays else own
         chosen = choose_options(self.common, common, self.name)
         if chosen.colour == "nearest" and "fill" not in common:

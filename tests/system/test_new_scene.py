@@ -90,9 +90,13 @@ def test_turning_never_mirrors(tmp_path, up):
 @pytest.mark.parametrize(
     ("options", "words"),
     [
-        ({"unit": None, "up": None}, r"--unit.*--up.*1 x 2 x 3 units"),
-        ({"unit": None}, "--unit"),
-        ({"up": None}, "--up"),
+        (
+            {"unit": None, "up": None},
+            r"no length unit and no up axis; the mesh is 1 x 2 x 3 units along x, y, z\. "
+            r"Give --unit \(mm, cm, m, in\) and --up \(perhaps z, the longest\)\.$",
+        ),
+        ({"unit": None}, r"z\. Give --unit \(mm, cm, m, in\)\.$"),
+        ({"up": None}, r"no up axis; .* z\. Give --up \(perhaps z, the longest\)\.$"),
         ({"unit": "ft"}, "--unit ft"),
         ({"up": "w"}, "--up w"),
         ({"front": "-y"}, "parallel to --up"),

@@ -32,7 +32,7 @@ TEXTURED = (
 
 def test_a_mesh_in_place_of_a_scene_needs_its_axes(tmp_path):
     (tmp_path / "my pot.OBJ").write_bytes(b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n")
-    says = ["my pot.OBJ: the format contains no up axis, give --up", "1 x 1 x 0 units"]
+    says = ["my pot.OBJ: the format contains no up axis; the mesh is 1 x 1 x 0 units", "Give --up"]
     assert_refused("validate", "my pot.OBJ", folder=tmp_path, says=says)
     assert [path.name for path in tmp_path.iterdir()] == ["my pot.OBJ"]
 

@@ -285,7 +285,7 @@ def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
         ("x", "'x': use template or .* wang2024"),
         ("template:samples=3", "template: samples = '3'"),
         ("layered:samples=many", "layered: samples = 'many'"),
-        ("template:smaples=4", "no option 'smaples'; did you mean samples?"),
+        ("template:sample=1", "'sample'; its options are columns, .*fill; did you mean samples?"),
         ("template:columns=open", "columns = 'open': use surface or solid"),
         ("template:mask=all", "has no option 'mask'"),
         ("gu2020:samples=3", "gu2020: samples = '3': use auto or centre or 1"),

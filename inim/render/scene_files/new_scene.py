@@ -236,19 +236,21 @@ def _unit_and_up(
     if source.suffix.lower() in (".glb", ".gltf"):
         unit, up = unit or "m", up or "y"
     unit = "mm" if unit == ANY_UNIT else unit
-    missing = []
-    if unit is None:
-        missing.append(f"length unit, give --unit ({', '.join(UNITS)})")
-    if up is None:
-        missing.append("up axis, give --up (x, y, z, -x, -y, -z)")
     if unit is None or up is None:
         from inim.render.meshes.triangle_mesh import bounds
 
         low, high = bounds(meshes)
         size = " x ".join(f"{length:.4g}" for length in high - low)
+        missing, options = [], []
+        if unit is None:
+            missing.append("length unit")
+            options.append(f"--unit ({', '.join(UNITS)})")
+        if up is None:
+            missing.append("up axis")
+            options.append(f"--up (perhaps {'xyz'[(high - low).argmax()]}, the longest)")
         raise UsageError(
             f"{source}: the format contains no {' and no '.join(missing)}; the mesh is {size} "
-            "units along x, y, z"
+            f"units along x, y, z. Give {' and '.join(options)}."
         )
     return unit, up
 
