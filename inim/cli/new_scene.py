@@ -40,15 +40,13 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="BOX",
         help="splats: keep only this box, x0,x1,y0,y1,z0,z1 (default: a box of nearly all)",
     )
-    add("--title", help="name of the scene in reports (default: the mesh file's name)")
-    add("--display", help="display preset to write into the scene: nominal, fine or phone")
     add("--force", action="store_true", help="replace existing files")
 
 
 def _new_scene(args: argparse.Namespace) -> int:
     from inim.render.scene_files.new_scene import new_scene
 
-    options = ("unit", "up", "front", "crop", "title", "display", "force")
+    options = ("unit", "up", "front", "crop", "force")
     choices = {name: getattr(args, name) for name in options}
     path = new_scene(args.mesh, args.out, **choices, warn=print_warning, say=print_lines)
     print_lines(f"wrote {path}; next: inim validate {shlex.quote(str(path))}")

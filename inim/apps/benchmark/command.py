@@ -32,10 +32,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "--tier", choices=TIER_NAMES, default="small", help="cases to render (default: small, four)"
     )
     make.add_argument("--case", action="append", default=[], dest="names", help="only these cases")
-    make.add_argument(
-        "--scenes", type=Path, default=Path("scenes"), metavar="DIR",
-        help="folder scenes/ of the project (default: scenes)",
-    )  # fmt: skip
     make.add_argument("--scans", type=Path, metavar="DIR", help="folder of the scanned meshes")
     make.add_argument("--seed", type=int, default=SEED, help="seed of the renderer's noise")
     make.add_argument(
@@ -52,8 +48,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     score.add_argument(
         "--as-is", action="store_true", help="score it in spite of mistakes in its content"
     )
-    board = task("board", "Write the board of all scored submissions.", _board)
-    add_shared(board, out=f"folder (default: {_SUITE}/board)")
+    task("board", "Write the board of all scored submissions.", _board)
 
 
 def _make(args: argparse.Namespace) -> int:
@@ -63,9 +58,7 @@ def _make(args: argparse.Namespace) -> int:
     suite, names = args.suite, args.names
     cases = [case_of(name) for name in names] if names else [*cases_of(args.tier)]
     for number, case in enumerate(cases, 1):
-        job = CaseJob.of(
-            case, scene_of(case, suite, args.scenes, args.scans), args.seed, args.blind_seed
-        )
+        job = CaseJob.of(case, scene_of(case, suite, args.scans), args.seed, args.blind_seed)
         if job.is_made(suite / case.name / MANIFEST):
             continue
         if not args.quiet:
@@ -120,7 +113,7 @@ def _score(args: argparse.Namespace) -> int:
 def _board(args: argparse.Namespace) -> int:
     from inim.apps.benchmark.board import write_board
 
-    out = args.out or args.suite / "board"
+    out = args.suite / "board"
     write_board(args.suite, out, args.command_line)
     return finish(True, f"board: {out / 'board.html'}", quiet=args.quiet)
 

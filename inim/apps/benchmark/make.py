@@ -104,18 +104,17 @@ def write_licences(suite: Path) -> None:
     write_text(suite / "LICENCES.md", f"{head}{table}\n")
 
 
-def scene_of(case: BenchmarkCase, suite: Path, scenes: Path, scans: Path | None) -> Path:
-    """The scene of a case's relic; that of a scan is written into the suite first.
+def scene_of(case: BenchmarkCase, suite: Path, scans: Path | None) -> Path:
+    """The scene of a case's relic, in the project's folder; that of a scan is written into the
+    suite first.
 
     Raises `FileError` if a scene or a scan is missing.
     """
     relic = case.relic
     if relic.scan is None:
-        path = scenes / f"{relic.name}.xml"
+        path = Path("scenes", f"{relic.name}.xml")
         if not path.is_file():
-            raise FileError(
-                f"{path}: no such scene; name the folder scenes/ of the project with --scenes"
-            )
+            raise FileError(f"{path}: no such scene; run the command in the project's folder")
         return path
     path = suite / "scenes" / f"{relic.name}.xml"
     if not path.is_file():
