@@ -24,6 +24,22 @@ def _algorithms(_: argparse.Namespace) -> int:
     return EXIT_PASSED
 
 
+def _displays(_: argparse.Namespace) -> int:
+    from inim.display import DISPLAYS
+    from inim.display.viewpoint import default_distance_mm
+    from inim.report.labels import aligned
+
+    rows = [("preset", "size, mm", "pitch, mm", "depth, mm", "viewing zone, mm")]
+    for name, display in DISPLAYS.items():
+        (far, near), distance = display.depth_range_mm, default_distance_mm(display)
+        size = f"{display.width_mm:.1f} x {display.height_mm:.1f}"
+        zone = f"+-{display.flip_limit_mm(distance)[0]:.1f} at {distance:.0f}"
+        depth = f"{far:.1f} to {near:.1f}"
+        rows.append((name, size, f"{display.pitch_mm:.3f}", depth, zone))
+    print("\n".join(aligned([*zip(*rows, strict=True)])))
+    return EXIT_PASSED
+
+
 def _settings(_: argparse.Namespace) -> int:
     from inim.display.settings import setting_table
 
@@ -49,10 +65,8 @@ def _size_text(info: StoreInfo) -> str:
     return f"{info.records} results, {info.size_bytes / 2**20:.1f} MiB, in {info.folder}"
 
 
-def _system(args: argparse.Namespace) -> int:
-    import json
-
-    print(json.dumps(describe(), indent=1) if args.json else sys_info())
+def _system(_: argparse.Namespace) -> int:
+    print(sys_info())
     return EXIT_PASSED
 
 
@@ -125,12 +139,11 @@ def _add_info_arguments(parser: argparse.ArgumentParser) -> None:
                 "INIM_CACHE is the folder, or 'off'; INIM_CACHE_GIB is its maximum size (8)."
             )
             own.add_argument("--clear", action="store_true", help="remove all cached results")
-        if name == "system":
-            own.add_argument("--json", action="store_true", help="print JSON")
 
 
 _SUBJECTS = {
     "algorithms": ("list the algorithms and their options", _algorithms),
+    "displays": ("list the presets of displays: size, pitch, depth and viewing zone", _displays),
     "settings": ("list the inim.* settings of scene files", _settings),
     "cache": ("show the folder and the size of the result cache", _cache),
     "system": ("show the renderer's backends and the installed versions", _system),
@@ -139,7 +152,7 @@ _SUBJECTS = {
 
 COMMANDS = {
     "info": Command(
-        "show algorithms, settings, cache or system",
+        "show algorithms, displays, settings, cache or system",
         _add_info_arguments,
         lambda args: int(args.show(args)),
     ),

@@ -158,9 +158,8 @@ def _complete(parser: argparse.ArgumentParser) -> None:
 
     for own in _parsers(parser):
         for action in own._actions:
-            for option in action.option_strings:
-                if option in _WORDS:
-                    action.completer = partial(_propose, option)  # type: ignore[attr-defined]
+            if action.dest in _WORDS:
+                action.completer = partial(_propose, action.dest)  # type: ignore[attr-defined]
     argcomplete.autocomplete(parser)
 
 
@@ -173,23 +172,27 @@ def _parsers(parser: argparse.ArgumentParser) -> Iterable[argparse.ArgumentParse
                 yield from _parsers(own)
 
 
-def _propose(option: str, prefix: str, **_: object) -> list[str]:
-    """Words for an option; in a list with commas, for its last item."""
+def _propose(argument: str, prefix: str, **_: object) -> list[str]:
+    """Words for an argument; in a list with commas, for its last item."""
+    from argcomplete.completers import FilesCompleter
+
     from inim.display.settings import PREFIX
 
     before, comma, _last = prefix.rpartition(",")
-    module, name = _WORDS[option]
+    module, name = _WORDS[argument]
     words = getattr(import_module(module), name)
-    if option == "-D":
+    if argument == "definitions":
         words = [f"{PREFIX}{field}=" for field in words.__dataclass_fields__]
+    if argument == "display":
+        words = [*words, *FilesCompleter(("xml", "json"))(prefix)]
     return [f"{before}{comma}{word}" for word in (words() if callable(words) else words)]
 
 
-# Module and name of an option's words, or of a function that returns them.
+# Module and name of an argument's words, or of a function that returns them.
 _WORDS = {
-    "--algorithms": ("inim.generators", "algorithm_names"),
-    "--display": ("inim.display", "DISPLAYS"),
-    "--lens-model": ("inim.display.lens", "lens_models"),
-    "--viewpoints": ("inim.display.viewpoint", "DEFAULT_VIEWPOINTS"),
-    "-D": ("inim.display.settings", "Settings"),
+    "algorithms": ("inim.generators", "algorithm_names"),
+    "display": ("inim.display", "DISPLAYS"),
+    "lens_model": ("inim.display.lens", "lens_models"),
+    "viewpoints": ("inim.display.viewpoint", "DEFAULT_VIEWPOINTS"),
+    "definitions": ("inim.display.settings", "Settings"),
 }
