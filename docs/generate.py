@@ -53,7 +53,7 @@ def _write_virtual_display(eia: Path, folder: Path) -> None:
     with tempfile.TemporaryDirectory() as temporary, Image.open(eia) as image:
         codes = Path(temporary, "goblet and coin.png")
         image.convert("RGB").save(codes)
-        view_eia(codes, "fine", out=folder / "virtual-display.html", most_bytes=500_000)
+        view_eia(codes, folder / "virtual-display.html", "fine", most_bytes=500_000)
 
 
 def _commands() -> str:

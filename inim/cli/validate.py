@@ -10,7 +10,10 @@ from typing import TYPE_CHECKING, Any
 from inim.pipeline.options import (
     Command,
     add_shared,
+    default_out,
     finish,
+    open_page,
+    opens_pages,
     print_lines,
     print_outcome,
     print_warning,
@@ -34,8 +37,8 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "scene",
         type=Path,
         metavar="INPUT",
-        help="Mitsuba scene (.xml) with inim.* settings, or an RGB-D picture of inim (.exr), such "
-        "as that of `inim generate --save-rgbd`",
+        help="Mitsuba scene (.xml) with inim.* settings, a mesh, or the fitted picture (.exr) of "
+        "`inim generate --save-rgbd`",
     )
     choices = ("definitions", "display", "algorithms", "cameras", "viewpoints", "lens_model")
     add_shared(
@@ -98,17 +101,26 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="ignore the cache, and also run steps that cannot change a result",
     )
-    add_shared(parser, "quiet", "debug")
-    parser.set_defaults(explain_unknown=lambda args, words: _check_kind(args.scene, words))
+    add_shared(parser, "json", "quiet", "debug", open="open the report in the browser")
+    parser.set_defaults(explain_unknown=_check_kind)
 
 
 def _run(args: argparse.Namespace) -> int:
     _check_encoding(args)
-    _check_kind(args.scene)
-    return _validate(args)
+    _check_kind(args)
+    args.quiet |= args.json
+    code = _validate(args)
+    if args.json:
+        import json
+
+        document = json.loads((args.out / "report.json").read_text("utf-8"))
+        print_outcome(*json.dumps(document, indent=1).split("\n"))
+    if args.open:
+        open_page(args.out / "report.html")
+    return code
 
 
-def _check_kind(path: Path, unknown: Sequence[str] = ()) -> None:
+def _check_kind(args: argparse.Namespace, unknown: Sequence[str] = ()) -> None:
     """Reject inputs that another command must convert to a scene or to an RGB-D picture.
 
     `unknown` are the unrecognized arguments, which may be options of a picture.
@@ -116,14 +128,15 @@ def _check_kind(path: Path, unknown: Sequence[str] = ()) -> None:
     from inim.pipeline.plan import PICTURE_SUFFIX
     from inim.render.meshes.triangle_mesh import MESH_SUFFIXES
 
-    suffix = path.suffix.lower()
-    is_read = suffix in (".xml", PICTURE_SUFFIX, *MESH_SUFFIXES)
+    is_read = args.scene.suffix.lower() in (".xml", PICTURE_SUFFIX, *MESH_SUFFIXES)
     if not is_read or any(word.startswith("--depth") for word in unknown):
         fitted = f"fitted{PICTURE_SUFFIX}"
+        display = [word for text in args.definitions for word in ("-D", text)]
+        display += ["--display", args.display] if args.display else []
         raise UsageError(
-            f"{path}: is not a scene (.xml) and not fitted to a display; fit it first: inim "
-            f"generate {shlex.join([str(path), *unknown])} --save-rgbd {fitted}, then inim "
-            f"validate {fitted}"
+            f"{args.scene}: is not a scene (.xml) and not fitted to a display; fit it first: inim "
+            f"generate {shlex.join([str(args.scene), *unknown, *display])} --save-rgbd {fitted}, "
+            f"then inim validate {shlex.join([fitted, *display])}"
         )
 
 
@@ -203,9 +216,9 @@ _DEMO_DISPLAY = "fine"
 def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Validate the bundled amphora scene on the display `fine`, and print the addresses of its "
-        "report and live display. In a terminal, the latter opens in the browser, if there is one."
+        "report and live display. On a terminal with a screen, the latter opens in the browser."
     )
-    add_shared(parser, "preview", "quiet", "debug", out="folder for the report (amphora-report)")
+    add_shared(parser, "debug", out="folder for the report (default: amphora-report)")
 
 
 def _demo(args: argparse.Namespace) -> int:
@@ -213,40 +226,34 @@ def _demo(args: argparse.Namespace) -> int:
     # In an installed package, or in a clone.
     scenes = [folder / "amphora.xml" for folder in (package / "demo", package.parent / "scenes")]
     args.scene, args.backend = next(filter(Path.is_file, scenes), None), "auto"
-    args.display = _DEMO_DISPLAY
+    args.display, args.quiet = _DEMO_DISPLAY, False
     if args.scene is None:
         raise FileError(f"{package / 'demo'}: missing; install inim again")
     code = _validate(args)
-    if not args.quiet:
-        from inim.report.virtual_display import ANCHOR
+    from inim.report.virtual_display import ANCHOR
 
-        page = f"{(args.out / 'report.html').resolve().as_uri()}#{ANCHOR}"
-        print_outcome(f"live display, to open in a browser: {page}")
-        if sys.stdout.isatty():
-            import webbrowser
-
-            webbrowser.open(page)
+    page, anchor = args.out / "report.html", f"#{ANCHOR}"
+    print_outcome(f"live display, to open in a browser: {page.resolve().as_uri()}{anchor}")
+    if opens_pages():
+        open_page(page, anchor)
     return code
 
 
 def _add_accept_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = "Make a report the baseline of its scene."
     add = parser.add_argument
-    add("out", type=Path, metavar="OUT", help="folder of a report")
+    add("report", type=Path, metavar="OUT", help="folder of a report")
     add("--reason", default="", help="reason in one line, stored in the baseline; required")
-    add(
-        "--to",
-        type=Path,
-        metavar="DIR",
-        help="folder of the baseline (default: that of the comparison, or reports/baselines/TITLE)",
-    )
+    out = "folder of the baseline (default: that of the comparison, or reports/baselines/TITLE)"
+    add_shared(parser, out=out)
 
 
 def _accept(args: argparse.Namespace) -> int:
     from inim.pipeline.baseline import accept
     from inim.report.comparison_text import accepted_lines
 
-    print_lines(*accepted_lines(args.out), f"baseline: {accept(args.out, args.reason, args.to)}")
+    lines = accepted_lines(args.report)
+    print_lines(*lines, f"baseline: {accept(args.report, args.reason, args.out)}")
     return EXIT_PASSED
 
 
@@ -258,13 +265,13 @@ def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add("baseline", type=Path, metavar="OUT_A", help="folder of the earlier report")
     add("candidates", type=Path, nargs="+", metavar="OUT_B", help="folders of later reports")
-    add_shared(parser, "quiet", out="folder (default: compare)")
+    add_shared(parser, "quiet", out="folder (default: OUT_A-compare)")
 
 
 def _compare(args: argparse.Namespace) -> int:
     from inim.pipeline.compare import all_lines, compare_all
 
-    out = args.out or Path("compare")
+    out = args.out or default_out(args.baseline, "compare")
     pairs = compare_all([args.baseline, *args.candidates], out)
     place = out / "compare.html" if len(pairs) == 1 else out / "summary.md"
     passed = all(pair.data.verdict.passed for pair in pairs)
@@ -280,7 +287,7 @@ def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
     parser.add_argument(
         "reports", nargs="+", type=Path, metavar="REPORT", help="folder of a report"
     )
-    add_shared(parser, out="file to write: .pdf, .svg, .png or .eps (default: figure.pdf)")
+    add_shared(parser, out="file to write: .pdf, .svg, .png or .eps (default: REPORT-figure.pdf)")
     parser.add_argument(
         "--parts",
         default="views,errors,scores,time",
@@ -328,7 +335,7 @@ def _figure(args: argparse.Namespace) -> int:
         tuple(insets),
         args.width,
     )
-    path = args.out or Path("figure.pdf")
+    path = args.out or default_out(args.reports[0], "figure.pdf")
     with published_together():
         write_figure(reports, request, path)
         maps = write_error_maps(reports[0], request, args.maps) if args.maps else []

@@ -173,7 +173,7 @@ def accept(out: Path, reason: str, folder: Path | None = None) -> Path:
         if regression and not folder.is_dir():
             raise UsageError(
                 f"{out}: its baseline {folder} is not there, seen from the current folder; go to "
-                "the folder of that run, or give --to FOLDER"
+                "the folder of that run, or give -o FOLDER"
             )
     accepted = replace(candidate, reason=reason.strip(), accepted=utc_now())
     write_statistics(folder, BASELINE, accepted)

@@ -9,10 +9,11 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypeAlias
 
+from inim.pipeline.options import default_out
 from inim.system.errors import UsageError
 from inim.system.plugins import PluginModule
 from inim.system.process.observer import OnStage, shown_progress
-from inim.system.worker.output import default_out, output_files, staging_folder
+from inim.system.worker.output import output_files, staging_folder
 from inim.system.worker.supervisor import run_in_worker
 
 if TYPE_CHECKING:

@@ -58,8 +58,8 @@ _SHARED = {
     ),
     "display": _option(
         "--display",
-        help="preset (nominal, phone, ...), an .xml file with inim.* settings, or the visual.json "
-        "of a Looking Glass",
+        help="preset (see `inim info displays`), an .xml file with inim.* settings, or the "
+        "visual.json of a Looking Glass",
     ),
     "algorithms": _option(
         "-a",
@@ -106,6 +106,7 @@ _SHARED = {
         "only panel pixels that the view needs; other options override these values",
     ),
     "open": _option("--open", action="store_true", help="open the virtual display in the browser"),
+    "json": _option("--json", action="store_true", help="print JSON instead of text"),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
     "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
 }
@@ -167,11 +168,24 @@ def request_of(args: argparse.Namespace) -> Request:
     return Request(**values | choices_of(args))
 
 
-def open_page(page: Path) -> None:
+def default_out(source: Path | None, kind: str) -> Path:
+    """Default of -o: in the current folder, named after the first input and the kind of result."""
+    return Path(kind if source is None else f"{source.absolute().stem}-{kind}")
+
+
+def open_page(page: Path, anchor: str = "") -> None:
     """Open a page in the browser."""
     import webbrowser
 
-    webbrowser.open(page.resolve().as_uri())
+    webbrowser.open(page.resolve().as_uri() + anchor)
+
+
+def opens_pages() -> bool:
+    """True on a terminal with a screen, where commands may open the browser unasked."""
+    has_screen = sys.platform in ("darwin", "win32") or any(
+        os.environ.get(name) for name in ("DISPLAY", "WAYLAND_DISPLAY")
+    )
+    return has_screen and sys.stdout.isatty()
 
 
 def print_warning(text: str, kind: str = "warning") -> None:

@@ -36,12 +36,10 @@ from inim.system.version import __version__
 
 #: Largest size of a page.
 MOST_BYTES = 60_000_000
-#: Name of a report's page.
-PAGE = "virtual-display.html"
 
 
-def view_report(folder: Path, out: Path | None = None) -> Path:
-    """Write the virtual display of a report, with all its panels; return the path of the page.
+def view_report(folder: Path, out: Path) -> None:
+    """Write the virtual display of a report, with all its panels, as the page `out`.
 
     Raises `FileError` if the report is missing or has no panels.
     """
@@ -54,21 +52,21 @@ def view_report(folder: Path, out: Path | None = None) -> Path:
             "display, or too large); run inim validate again"
         )
     page = _page(report.data.title or folder.name, f"Display {report.display.name}", content)
-    return _write_page(folder / PAGE if out is None else out, page)
+    _write_page(out, page)
 
 
 def view_eia(
     eia: Path,
+    out: Path,
     display: Display | str | Path | None = None,
     definitions: Mapping[str, Any] | None = None,
-    out: Path | None = None,
     most_bytes: int = MOST_BYTES,
-) -> Path:
-    """Write the virtual display of an EIA, and return the path of the page.
+) -> None:
+    """Write the virtual display of an EIA as the page `out`.
 
     The EIA is a PNG (sRGB) or EXR (linear) of the panel's size. Display and definitions are those
-    of `inim.render.scene_files.file.choose_display`. The default of `out` is `EIA-view.html` in the
-    EIA's folder. `most_bytes` limits the size of the EIA in the page: a large one is compressed.
+    of `inim.render.scene_files.file.choose_display`. `most_bytes` limits the size of the EIA in the
+    page: a large one is compressed.
     """
     design, settings = choose_display(display, definitions, "inim view")
     design = turned_for(eia, design)
@@ -101,7 +99,7 @@ def view_eia(
             f"{most_bytes / 1e6:g} MB"
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
-    return _write_page(eia.with_name(f"{eia.stem}-view.html") if out is None else out, page)
+    _write_page(out, page)
 
 
 def _words(display: Display) -> str:
@@ -121,8 +119,7 @@ def _page(title: str, facts: str, content: str) -> str:
     )
 
 
-def _write_page(path: Path, page: str) -> Path:
+def _write_page(path: Path, page: str) -> None:
     if path.is_dir():
         raise FileError(f"{path}: is a folder; name a file with -o")
     write_text(path, page)
-    return path

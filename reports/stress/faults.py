@@ -203,7 +203,7 @@ def prepare_copies() -> None:
             shutil.copy2(source, target)
     if broken := _relations(first, "inim", "costs"):
         sys.exit(f"faults: the copy does not run: {broken}")
-    accept = ("-m", "inim", "accept", "out/jade", "--reason", "sound", "--to", f"{WORK}/baseline")
+    accept = ("-m", "inim", "accept", "out/jade", "--reason", "sound", "-o", f"{WORK}/baseline")
     for words in ((*_VALIDATION, "-o", "out/jade"), accept):
         code, output = _run(first, words, 600)
         if code:

@@ -188,7 +188,7 @@ def _plan(path: Path) -> None:
 
 _REPORT, _CANDIDATE = "OUT/report.json", "OUT/regression/candidate"
 _ROOT = Path(__file__).parents[2]
-_ACCEPT = ("accept", "OUT", "--reason", "because", "--to", "made")
+_ACCEPT = ("accept", "OUT", "--reason", "because", "-o", "made")
 
 #: By format: all doors by which a user's file comes in.
 DOORS: dict[str, tuple[Read, ...]] = {

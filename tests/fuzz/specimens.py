@@ -308,7 +308,7 @@ def _run() -> Path:
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     words = [f"-Dinim.{key}={value}" for key, value in TINY.items()]
     run = [sys.executable, "-m", "inim", "validate", _scene(folder).name, "-o", "OUT", "--quiet"]
-    accept = ["accept", "OUT", "--reason", "a specimen", "--to", "base"]
+    accept = ["accept", "OUT", "--reason", "a specimen", "-o", "base"]
     for command in ([*run, *words], [sys.executable, "-m", "inim", *accept]):
         subprocess.run(command, cwd=folder, check=True, env=os.environ | {"PYTHONPATH": _ROOT})
     return folder

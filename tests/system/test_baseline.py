@@ -105,7 +105,7 @@ def bench(tmp_path_factory, run_inim):
     ended = workbench.run("-o", "first")
     assert ended.code == EXIT_PASSED, ended.stderr
     assert main(["accept", str(folder / "first"), "--reason", "the first",
-                 "--to", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
+                 "-o", str(folder / "base")]) == EXIT_PASSED  # fmt: skip
     return workbench
 
 
@@ -288,7 +288,7 @@ def test_an_invalid_baseline_ends_with_4(bench, tmp_path, change, words):
 
 def test_accepted_change_passes_from_then_on(noisy, tmp_path):
     to = tmp_path / "base"
-    words = ["accept", str(noisy.folder / "noisy"), "--reason", "meant", "--to"]
+    words = ["accept", str(noisy.folder / "noisy"), "--reason", "meant", "-o"]
     assert main([*words, str(to)]) == EXIT_PASSED
     ended = noisy.run("-o", "again", "--baseline", str(to), fault="noisy lens", seed="3")
     assert ended.code == EXIT_PASSED, noisy.failed("again")
@@ -297,7 +297,7 @@ def test_accepted_change_passes_from_then_on(noisy, tmp_path):
 def test_run_that_failed_on_its_own_cannot_be_accepted(bench):
     assert bench.judged("nan", fault="nan").code == EXIT_CHECK_FAILED
     assert "eia/planted: pixels not finite" in bench.failed("nan")
-    words = ("accept", "nan", "--reason", "hide it", "--to", "hidden")
+    words = ("accept", "nan", "--reason", "hide it", "-o", "hidden")
     assert_refused(*words, folder=bench.folder, says=["pixels not finite"])
 
 

@@ -152,7 +152,7 @@ def repository(tmp_path_factory, run_inim):
     created = Repository(folder, run_inim, os.pathsep.join(filter(None, paths)))
     ended = created.run("first", Change("none"))
     assert ended.code == EXIT_PASSED, ended.stderr
-    words = ["accept", str(folder / "first"), "--reason", "the first", "--to", str(folder / "base")]
+    words = ["accept", str(folder / "first"), "--reason", "the first", "-o", str(folder / "base")]
     assert main(words) == EXIT_PASSED
     return created
 

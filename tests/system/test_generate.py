@@ -231,5 +231,7 @@ def test_an_upright_picture_turns_a_wide_display_and_fills_it(camera, capsys, mo
     with Image.open(camera / "eia.png") as eia:
         assert eia.size == (20 * 17, 40 * 17)
     assert opened == [(camera / "eia-view.html").as_uri()]
-    assert main(["view", str(camera / "eia.png"), *wide]) == EXIT_PASSED
+    assert (
+        main(["view", str(camera / "eia.png"), *wide, "-o", str(camera / "v.html")]) == EXIT_PASSED
+    )
     assert main(["export", str(camera / "eia.png"), *wide, "--pdf", str(camera / "a.pdf")]) == 0

@@ -177,7 +177,8 @@ ODD_NAMES = [
 
 
 @pytest.mark.parametrize("name", ODD_NAMES)
-def test_any_name_works_or_gives_one_line(name, tmp_path, capsys):
+def test_any_name_works_or_gives_one_line(name, tmp_path, capsys, monkeypatch):
+    monkeypatch.chdir(tmp_path)  # where `view` writes
     stem = os.fsdecode(name)
     source = write_parts(tmp_path / "good.exr").rename(tmp_path / f"{stem}.exr")
     for words in (

@@ -192,6 +192,10 @@ def test_a_hexagonal_array_is_not_set_against_the_oracle(finished, tmp_path):
             ["inim generate c.png --depth d.png --depth-unit mm --save-rgbd fitted.exr, then"],
         ),
         (("c.exr", "--depth", "d.exr"), ["inim generate c.exr --depth d.exr --save-rgbd"]),
+        (
+            ("c.png", "--display", "phone", "-D", "inim.gap_mm=3.2"),
+            ["inim generate c.png -D inim.gap_mm=3.2 --display phone --save-rgbd", "fitted.exr -D"],
+        ),
         (("x.xml", "--orthographic"), ["unrecognized arguments: --orthographic"]),
     ],
 )

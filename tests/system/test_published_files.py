@@ -112,7 +112,7 @@ def test_action_shows_the_summary_of_a_pass_a_failure_and_an_unreadable_scene(ru
     assert code == 0
     assert "gu2020" in summary
     words = ["accept", str(tmp_path / "out/inim"), "--reason", "first"]
-    assert main([*words, "--to", str(tmp_path / "base")]) == 0
+    assert main([*words, "-o", str(tmp_path / "base")]) == 0
 
     scene.write_text(scene.read_text().replace('value="1.2"', 'value="3"'))
     code, summary = runner(tmp_path, **inputs, baseline="base")

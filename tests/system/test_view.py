@@ -75,7 +75,8 @@ def show_eia(tab: Tab, folder: Path, codes: np.ndarray, **settings: object) -> N
     eia = save(folder / "eia.png", codes)
     definitions = NAMES | {f"inim.{name}": str(value) for name, value in settings.items()}
     tab.size(150, 300)
-    tab.open(view_eia(eia, "nominal", definitions, folder / "page.html"))
+    view_eia(eia, folder / "page.html", "nominal", definitions)
+    tab.open(folder / "page.html")
     assert tab.evaluate("inimDisplay.ready") is True
 
 
@@ -364,8 +365,8 @@ def test_view_of_a_report_has_all_its_panels(tab, page, tmp_path):
 
     Report(folder, report_document(report_data())).write()
     ended = view("OUT", folder=tmp_path)
-    assert (ended.code, ended.stdout) == (0, "OUT/virtual-display.html\n"), ended.stderr
-    show(tab, folder / "virtual-display.html")
+    assert (ended.code, ended.stdout) == (0, "OUT-view.html\n"), ended.stderr
+    show(tab, tmp_path / "OUT-view.html")
     names = "[...document.querySelector('select').options].map((o) => o.text)"
     assert tab.evaluate(names) == ["Reference", "template", "wang2024"]
     assert tab.complaints == []

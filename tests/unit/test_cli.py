@@ -1,9 +1,13 @@
 """Commands of the program: only the module of the named one is imported."""
 
+import argparse
+import json
 import os
 import pkgutil
+import re
 import subprocess
 import sys
+from collections.abc import Iterator
 from importlib import import_module
 from pathlib import Path
 
@@ -12,8 +16,10 @@ import pytest
 import inim.apps
 import inim.cli
 from inim.apps import APPS
-from inim.cli.main import COMMANDS, main
-from inim.system.errors import EXIT_USAGE
+from inim.cli.main import COMMANDS, _parser, _parsers, main
+from inim.display import DISPLAYS
+from inim.pipeline.options import default_out
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
 
 HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "trimesh")
 
@@ -78,6 +84,9 @@ def test_unknown_command_is_one_line_that_names_those_there_are(capsys, word, sa
         ("inim validate a.xml --algorithms gu2020,tem", {"gu2020,template "}, {"template "}),
         ("inim validate a.xml --display ph", {"phone "}, {"nominal"}),
         ("inim inspect phone --lens-model thi", {"thin", "thick"}, {"full"}),
+        ("inim inspect ph", {"phone "}, {"nominal"}),
+        ("inim inspect scenes/jad", {"scenes/jade.xml "}, {"phone"}),
+        ("inim generate a.exr -D inim.gap", {"inim.gap_mm="}, {"inim.pitch_mm="}),
         ("inim validate a.xml --viewpoints le", {"left "}, {"right"}),
         (
             "inim validate a.xml -D inim.pitch",
@@ -118,3 +127,107 @@ def test_a_python_without_the_dependencies_is_refused_with_the_one_to_use(words)
     assert ended.stderr.count("\n") == 1
     assert f"inim: error: {sys.executable} has no package " in ended.stderr
     assert ".venv/bin/python" in ended.stderr
+
+
+# --- Rules for all commands -----------------------------------------------------------------------
+
+
+def parsers_with_out() -> Iterator[tuple[str, argparse.ArgumentParser, argparse.Action]]:
+    """Commands and tasks of commands with -o: name, parser, and the option."""
+    for name in COMMANDS:
+        for parser in _parsers(_parser(name)):
+            for action in parser._actions:
+                if "-o" in action.option_strings:
+                    yield parser.prog.partition(" ")[2], parser, action
+
+
+def test_results_are_named_after_the_first_input_by_default():
+    others = {"demo": "amphora-report", "accept": "that of the comparison", "inspect": "write none"}
+    rule = {}
+    for name, parser, action in parsers_with_out():
+        positional = [a for a in parser._actions if not a.option_strings]
+        first = (positional[0].metavar or positional[0].dest.upper()) if positional else ""
+        words = others.get(name, f"({first})-\\w")
+        assert re.search(f"default: {words}", action.help), (name, action.help)
+        rule[name] = action
+    assert len(rule) > 10 and others.keys() < rule.keys()
+    assert default_out(Path("in/jade.xml"), "report") == Path("jade-report")
+    assert default_out(Path(), "eia") == Path(f"{Path.cwd().name}-eia")
+
+
+def test_every_option_is_part_of_a_document_a_test_or_a_workflow():
+    root = Path(inim.cli.__file__).parents[2]
+    folders = [root / name for name in ("docs", "tests", "reports", ".github")]
+    files = [path for folder in folders for path in folder.rglob("*")] + [*root.iterdir()]
+    files = [path for path in files if path not in (root / "CHANGELOG.md", Path(__file__))]
+    suffixes = (".md", ".py", ".yml", ".ipynb")
+    used: set[str] = set()
+    for path in files:
+        if path.suffix in suffixes and "generated" not in path.parts and path.is_file():
+            used.update(re.findall(r"(?<![\w-])--[a-z][a-z-]+", path.read_text("utf-8")))
+    options = {
+        option
+        for name in COMMANDS
+        for parser in _parsers(_parser(name))
+        for action in parser._actions
+        for option in action.option_strings
+        if option.startswith("--")
+    }
+    assert len(options) > 80, "or this test looks at nothing"
+    assert options - used == {"--version"}
+
+
+@pytest.mark.parametrize("option", ["-a", "--algorithms", "--algorithm"])
+@pytest.mark.parametrize("name", ["validate", "generate", "bench"])
+def test_algorithms_have_one_option_in_all_commands(name, option):
+    assert _parser(name).parse_args([name, "x", option, "li2012"]).algorithms == "li2012"
+
+
+@pytest.mark.parametrize("code", [EXIT_PASSED, EXIT_CHECK_FAILED])
+def test_validate_opens_its_report_and_prints_it_as_json(code, tmp_path, monkeypatch, capsys):
+    opened: list[str] = []
+    document = {"title": "L\u00f6we\x7f", "scores": [0.1, 1e-05]}
+    (tmp_path / "report.json").write_text(json.dumps(document), "utf-8")
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("inim.cli.validate._validate", lambda args: code if args.quiet else 9)
+    assert main(["validate", "a.xml", "-o", str(tmp_path), "--json", "--open"]) == code
+    assert json.loads(capsys.readouterr().out) == document
+    assert opened == [(tmp_path / "report.html").as_uri()]
+
+
+@pytest.mark.parametrize(
+    ("variable", "is_terminal", "options", "opens"),
+    [
+        ("DISPLAY", True, (), True),
+        ("WAYLAND_DISPLAY", True, (), True),
+        ("DISPLAY", True, ("--no-open",), False),
+        ("DISPLAY", False, (), False),
+        ("TERM", True, (), False),
+        ("TERM", False, ("--open",), True),
+    ],
+)
+def test_view_opens_its_page_on_a_terminal_with_a_screen(
+    variable, is_terminal, options, opens, tmp_path, monkeypatch
+):
+    opened: list[str] = []
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", opened.append)
+    monkeypatch.setattr("inim.report.view_page.view_eia", lambda *_, **__: None)
+    monkeypatch.setattr("sys.platform", "linux")
+    monkeypatch.setattr(sys.stdout, "isatty", lambda: is_terminal)
+    for name in ("DISPLAY", "WAYLAND_DISPLAY"):
+        monkeypatch.delenv(name, raising=False)
+    monkeypatch.setenv(variable, "1")
+    assert main(["view", "goblet.png", *options]) == EXIT_PASSED
+    assert opened == [(tmp_path / "goblet-view.html").as_uri()] * opens
+
+
+def test_info_lists_every_preset_with_its_figures(capsys):
+    assert main(["info", "displays"]) == EXIT_PASSED
+    _, *lines = capsys.readouterr().out.splitlines()
+    assert [line.split()[0] for line in lines] == [*DISPLAYS]
+    # 64 lenses of 1 mm, 17 pixels each: D = f g / (g - f) = 33 mm, and the depth range ends at
+    # D +- D^2 / 17 g. The outermost lens, at 31.5 mm, shows no flipped view to an eye on the axis
+    # at 31.5 * 2 g = 207.9 mm; the usual distance is twice that.
+    figures = "64.0 x 64.0 1.000 13.6 to 52.4 +-31.5 at 416"
+    assert lines[0].split() == ["nominal", *figures.split()]

@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import Command, add_shared, finish, request_of
+from inim.pipeline.options import Command, add_shared, default_out, finish, request_of
 
 
 def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
@@ -38,7 +38,6 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
 def _bench(args: argparse.Namespace) -> int:
     from inim.apps.bench.run import BenchRequest, run_bench
     from inim.pipeline.timing import Rounds
-    from inim.system.worker.output import default_out
 
     args.out = args.out or default_out(args.scenes[0], "bench")
     requests = []

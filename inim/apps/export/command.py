@@ -2,21 +2,20 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from inim.apps.export.tiles import SPP, TILES
 from inim.pipeline.options import (
     Command,
     add_shared,
     choices_of,
+    default_out,
     open_page,
+    opens_pages,
     print_lines,
 )
 from inim.system.errors import EXIT_PASSED
-
-if TYPE_CHECKING:
-    import argparse
 
 
 def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
@@ -24,22 +23,28 @@ def _add_view_arguments(parser: argparse.ArgumentParser) -> None:
         "Write the virtual display of a report, or of any elemental image array, as one "
         "self-contained HTML file."
     )
-    out = "HTML file to write (OUT/virtual-display.html, EIA-view.html)"
-    add_shared(parser, "source", "display", "definitions", "open", out=out)
+    out = "HTML file to write (default: OUT-view.html or EIA-view.html)"
+    add_shared(parser, "source", "display", "definitions", out=out)
+    parser.add_argument(
+        "--open",
+        action=argparse.BooleanOptionalAction,
+        help="open it in the browser (default: on a terminal with a screen)",
+    )
 
 
 def _view(args: argparse.Namespace) -> int:
     from inim.apps.export.source import refuse_display
     from inim.report.view_page import view_eia, view_report
 
+    out = args.out or default_out(args.source, "view.html")
     if args.source.is_dir():
         refuse_display(args.source, args.display, args.definitions)
-        path = view_report(args.source, args.out)
+        view_report(args.source, out)
     else:
-        path = view_eia(args.source, **choices_of(args), out=args.out)
-    print_lines(path)
-    if args.open:
-        open_page(path)
+        view_eia(args.source, out, **choices_of(args))
+    print_lines(out)
+    if opens_pages() if args.open is None else args.open:
+        open_page(out)
     return EXIT_PASSED
 
 

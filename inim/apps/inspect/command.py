@@ -16,15 +16,14 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
         "display", metavar="FILE|PRESET", help="scene or display (.xml), visual.json, or preset"
     )
     lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
-    out = "folder for inspect.json, .svg and .png"
-    add_shared(parser, "definitions", "debug", lens_model=lens_model, out=out)
+    out = "folder for inspect.json, .svg and .png (default: write none)"
+    add_shared(parser, "definitions", "json", "debug", lens_model=lens_model, out=out)
     parser.add_argument(
         "--distance",
         type=float,
         metavar="MM",
         help="viewing distance (default: the scene's, or twice the nearest usable distance)",
     )
-    parser.add_argument("--json", action="store_true", help="print JSON instead of text")
     parser.add_argument(
         "--save",
         type=Path,

@@ -13,6 +13,7 @@ from inim.pipeline.options import (
     Command,
     add_shared,
     choices_of,
+    default_out,
     finish,
     open_page,
     print_lines,
@@ -66,27 +67,23 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     add_shared(parser, "up", "front")
     add_picture(parser)
-    out = "EIA to write, .png or .exr (default: eia.png); a folder if INPUT is a folder"
-    add_shared(parser, "display", "definitions", "debug", out=out)
+    out = "EIA to write, .png or .exr (default: INPUT-eia.png); a folder if INPUT is one"
+    algorithms = (
+        "one algorithm with options, such as template:samples=1; see `inim info algorithms` "
+        "(default: template; for several cameras: cameras)"
+    )
+    shared = ("display", "definitions", "open", "debug")
+    add_shared(parser, *shared, out=out, algorithms=algorithms)
     add(
         "--all-views",
         action="store_true",
         help="light field: use all views instead of the centre view",
     )
     add(
-        "-a",
-        "--algorithms",
-        dest="algorithm",
-        metavar="ALGORITHM",
-        help="one algorithm with options, such as template:samples=1; see `inim info algorithms` "
-        "(default: template; for several cameras: cameras)",
-    )
-    add(
         "--fill",
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
         "algorithm's own)",
     )
-    add_shared(parser, "open")
     add("--pdf", type=Path, help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
@@ -104,12 +101,14 @@ def _run(args: argparse.Namespace) -> int:
     if args.kind == "folder":
         check_choices(args)
         return _generate_folder(args)
-    args.out = args.out or Path("eia.png")
+    args.out = args.out or default_out(args.input, "eia.png")
     _generate(args)
     if args.open:
         from inim.report.view_page import view_eia
 
-        open_page(view_eia(args.out, args.display, choices_of(args)["definitions"]))
+        page = args.out.with_name(f"{args.out.stem}-view.html")
+        view_eia(args.out, page, args.display, choices_of(args)["definitions"])
+        open_page(page)
     return EXIT_PASSED
 
 
@@ -117,7 +116,6 @@ def _generate_folder(args: argparse.Namespace) -> int:
     """Generate an EIA from each photograph of a folder, and list the failures."""
     from inim.apps.own_picture.depth_photo import SUFFIXES
     from inim.image.files.eia_file import EIA_SUFFIXES
-    from inim.system.worker.output import default_out
 
     folder, out = args.input, args.out or default_out(args.input, "eia")
     if out.suffix.lower() in EIA_SUFFIXES or out.is_file():

@@ -138,14 +138,14 @@ def _of_rgbd(args: argparse.Namespace, display: Display, rgbd: RGBD) -> Input:
 _PICTURE = option_defaults().keys()
 _FILE = {"depth", "depth_unit", "near_is_large", "far_is_large", "missing", "swap_bytes"}
 _CAMERA = {"intrinsics", "orthographic", "depth_map", "max_slope", "near_is_large"}
-_GENERATION = {"algorithm", "fill", "open", "pdf", "save_rgbd"}
+_GENERATION = {"algorithms", "fill", "open", "pdf", "save_rgbd"}
 _PHOTO = _PICTURE - _FILE
 
 # Kinds of inputs: words for messages, reader, and options that apply.
 _KINDS: dict[str, tuple[str, Callable[[argparse.Namespace], Input], set[str]]] = {
     "color": ("a colour picture", _read_camera_picture, _PICTURE | _GENERATION),
     "photo": ("a photograph with its own depth", _read_camera_picture, _PHOTO | _GENERATION),
-    "folder": ("a folder of photographs", _read_camera_picture, _PHOTO | {"algorithm", "fill"}),
+    "folder": ("a folder of photographs", _read_camera_picture, _PHOTO | {"algorithms", "fill"}),
     "cameras": ("pictures of several cameras", _read_cameras, _PICTURE - _CAMERA | _GENERATION),
     "light field": ("a light field", _read_light_field, _GENERATION),
     "views": ("all views of a light field", _read_light_field, {"all_views", "open", "pdf"}),
@@ -178,7 +178,7 @@ def check_options(args: argparse.Namespace) -> None:
     defaults = option_defaults()
     for name in sorted(_OPTIONS - applies):
         if getattr(args, name) not in (None, False, defaults.get(name)):
-            option = "--algorithms" if name == "algorithm" else f"--{name.replace('_', '-')}"
+            option = f"--{name.replace('_', '-')}"
             raise UsageError(f"{option}: does not apply to {words}, {args.input}; leave it out")
     if args.fill is not None:
         one_of("--fill", args.fill, FILLS)
@@ -209,4 +209,4 @@ def picture_of(args: argparse.Namespace) -> CameraPicture:
 def algorithm_of(args: argparse.Namespace) -> str:
     """Algorithm with its hole filling."""
     default = "cameras" if args.kind == "cameras" else "template"
-    return (args.algorithm or default) + ("" if args.fill is None else f":fill={args.fill}")
+    return (args.algorithms or default) + ("" if args.fill is None else f":fill={args.fill}")

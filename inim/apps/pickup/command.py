@@ -3,7 +3,14 @@
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import Command, add_shared, choices_of, finish, print_warning
+from inim.pipeline.options import (
+    Command,
+    add_shared,
+    choices_of,
+    default_out,
+    finish,
+    print_warning,
+)
 
 
 def _add_pickup_arguments(parser: argparse.ArgumentParser) -> None:
@@ -19,7 +26,7 @@ def _add_pickup_arguments(parser: argparse.ArgumentParser) -> None:
     add("--dark", type=Path, metavar="FILE", help="picture without light, to subtract")
     add("--raw", action="store_true", help="codes are proportional to light (default: sRGB)")
     add("--orthoscopic", action="store_true", help="do not rotate elemental images by 180 degrees")
-    out = "display file to write (PICTURE-eia.xml); the EIA gets the same name"
+    out = "display file to write (default: PICTURE-eia.xml); the EIA gets the same name"
     display = "lens pitch, focal length and gap: preset (nominal or phone) or an .xml file"
     add_shared(parser, "definitions", "debug", out=out, display=display)
 
@@ -29,7 +36,8 @@ def _pickup(args: argparse.Namespace) -> int:
 
     options = ("white", "about_px", "dark", "raw", "orthoscopic")
     choices = choices_of(args) | {name: getattr(args, name) for name in options}
-    capture = pickup(args.picture, out=args.out or f"{args.picture.stem}-eia.xml", **choices)
+    out = args.out or default_out(args.picture, "eia.xml")
+    capture = pickup(args.picture, out=out, **choices)
     lattice = capture.lattice
     if args.white is None:
         print_warning(

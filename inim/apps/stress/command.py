@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import Command, add_shared, finish, request_of
+from inim.pipeline.options import Command, add_shared, default_out, finish, request_of
 from inim.system.errors import UsageError
 
 
@@ -36,7 +36,6 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
 
 def _stress(args: argparse.Namespace) -> int:
     from inim.apps.stress.run import StressRequest, run_stress
-    from inim.system.worker.output import default_out
 
     if args.scene is None and args.definitions:
         raise UsageError("stress: -D belongs to a scene; name one")

@@ -3,7 +3,14 @@
 import argparse
 from pathlib import Path
 
-from inim.pipeline.options import Command, add_shared, finish, print_lines, print_warning
+from inim.pipeline.options import (
+    Command,
+    add_shared,
+    default_out,
+    finish,
+    print_lines,
+    print_warning,
+)
 from inim.system.errors import EXIT_PASSED
 
 _KEPT = "results are kept; run it again to continue"
@@ -46,7 +53,6 @@ def _sweep(args: argparse.Namespace) -> int:
     from inim.apps.sweep.run import SweepPlace, plan_study, run_sweep
     from inim.apps.sweep.study import read_study
     from inim.system.cache import store_folder
-    from inim.system.worker.output import default_out
 
     place = SweepPlace(
         args.out or default_out(args.study, "sweep"),

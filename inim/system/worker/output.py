@@ -20,11 +20,6 @@ from inim.system.process.locked_folder import lock_folder, locked_folder
 REPORT = ("report.json", "report.html", "junit.xml", "summary.md", "eia/", "truth/", "views/")
 
 
-def default_out(source: Path | None, kind: str) -> Path:
-    """Default output folder: in the current folder, named after the source."""
-    return Path(kind if source is None else f"{source.stem}-{kind}")
-
-
 @contextmanager
 def hidden_folder(out: Path) -> Iterator[Path]:
     """Yield an empty folder next to `out`, on the same file system; remove it afterwards.
