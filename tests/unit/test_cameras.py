@@ -145,6 +145,18 @@ def test_a_block_ends_at_its_undercut_side_where_a_camera_sees_it(lean):
     assert np.abs(error).max() < PIXEL_MM / lean
 
 
+def test_exact_pictures_of_thin_posts_do_not_contradict_each_other():
+    """A post covers the centres of other pixels in each picture."""
+
+    def posts(slopes=(0.0, 0.0)):
+        x = places(slopes)(NEAR)[0]
+        z = np.where(np.mod(x, 5 * PIXEL_MM) < 2.3 * PIXEL_MM, NEAR, np.inf)
+        return z, np.isfinite(z)[..., None] * np.array(RED)
+
+    merged = merge_cameras(pictures(posts, "5"), DISPLAY)
+    assert merged.depth_mm[merged.covered] == pytest.approx(NEAR, abs=0.01)
+
+
 def test_cameras_and_pictures_are_checked():
     depth, color = ball()
     camera = Camera.orthographic((0, 0), SHAPE, PIXEL_MM)

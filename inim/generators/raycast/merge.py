@@ -41,9 +41,11 @@ _BINS = 64
 # Pictures contradict each other where one sees past another's surface by more than this, in pixels
 # of the result, and in each of them on slopes.
 _CONTRADICTION_PX = 2.0
-# Largest share of contradicted points: at silhouettes, correct pictures of relics have up to 4 %.
-_MAX_CONTRADICTION = 0.08
+# Largest share of contradicted points. Exact pictures of ten relics have none, on three displays; a
+# camera that is wrong by a fiftieth of its distance has 9 %.
+_MAX_CONTRADICTION = 0.05
 _CHECKED_POINTS = 20_000
+_BESIDE = ((1.0, 0.0), (-1.0, 0.0), (0.0, 1.0), (0.0, -1.0))
 
 
 class _Pictures(NamedTuple):
@@ -417,7 +419,8 @@ def _describe_surfaces(begin, end, pictures, resolution, slope):
 def _heights(pictures, k, pixel, stride):
     """Heights of other pictures over one's surface, in units of a contradiction.
 
-    (cameras, H, W), NaN where unknown.
+    (cameras, H, W), NaN where unknown. A camera that sees past a point sees past its neighbours,
+    too, unless the point is at a silhouette, where pictures of pixels differ.
     """
     _, rows, columns = pictures.depth.shape
     heights = np.full((len(pictures.depth), rows, columns), np.nan)
@@ -429,7 +432,12 @@ def _heights(pictures, k, pixel, stride):
             unit = _CONTRADICTION_PX * pixel * (1 + pictures.slope[k, i, j])
             for other in range(len(pictures.depth)):
                 if other != k:
-                    heights[other, i, j] = _look(pictures, other, x, y, z)[0] / unit
+                    height = _look(pictures, other, x, y, z)[0]
+                    for side in range(4 if height < -unit else 0):
+                        right, up = _BESIDE[side]
+                        beside = _look(pictures, other, x + right * pixel, y + up * pixel, z)[0]
+                        height = max(height, beside)
+                    heights[other, i, j] = height / unit
     return heights
 
 
