@@ -7,11 +7,17 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
+import msgspec
 import numpy as np
 
 from inim.pipeline.baseline import FOLDER, failed_pictures, read_run, regression_data
 from inim.report import Report
-from inim.report.comparison_text import comparison_lines, headline_changes, verdict_sentence
+from inim.report.comparison_text import (
+    comparison_lines,
+    headline_changes,
+    short_name,
+    verdict_sentence,
+)
 from inim.report.images import ENCODINGS, ReportImages, difference
 from inim.report.labels import number
 from inim.report.sections.regression import write_comparison
@@ -121,6 +127,12 @@ def compare_reports(before: Path, after: Path, out: Path) -> CompareDocument:
     if out.exists() and any(out.samefile(folder) for folder in (before, after)):
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
     comparison = compare(old, new)
+    checks = [
+        msgspec.structs.replace(
+            check, name=short_name(check), detail=check.detail.replace("baseline", "first report")
+        )
+        for check in comparison.checks
+    ]
     with output_files(out, COMPARISON_FILES) as staging:
         data = CompareDocument(
             title=new.circumstances.title or after.name,
@@ -137,7 +149,7 @@ def compare_reports(before: Path, after: Path, out: Path) -> CompareDocument:
                     if _copy_pictures(report, other, name, staging)
                 ],
             ),
-            verdict=Checks.of(comparison.checks),
+            verdict=Checks.of(checks),
         )
         write_comparison(data, staging)
     return data

@@ -105,9 +105,10 @@ class Evaluation:
             for name, result in self.results.items()
         }
         name = max(widths, key=lambda name: widths[name])
-        if widths[name] <= error:
+        width = f"{widths[name]:.3g}"  # a width that equals the limit in three digits is enough
+        if float(width) <= error:
             return []
-        width = f"{widths[name]:.2g}" if widths[name] < math.inf else "unknown"
+        width = width if widths[name] < math.inf else "unknown"
         return [
             f"{name}: {HEADLINE_WORDS}, is uncertain by {width}, more than inim.score_error, "
             f"{error:g}; set more samples than were used, inim.eia_spp and inim.capture_spp"

@@ -92,7 +92,7 @@ def run(
     _print_scores(observer, report.data)
     if not data_only:
         observer.stage("write report")
-        report.write(run.cache)
+        report.write(run.cache, plan.request.out)
     return report
 
 

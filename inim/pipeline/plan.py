@@ -157,7 +157,7 @@ class Plan:
     def algorithm_packages(self) -> dict[str, dict[str, str]]:
         """Identities of the other packages that provide algorithms, by algorithm."""
         return {
-            m.name: identity("inim.generators", m.algorithm.name)
+            m.algorithm.name: identity("inim.generators", m.algorithm.name)
             for m in self.methods
             if isinstance(m, GeneratorMethod) and not m.algorithm.own
         }

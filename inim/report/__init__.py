@@ -125,15 +125,18 @@ class Report:
 
         return ScoreTable.of(self, scores)
 
-    def write(self, cache: ResultCache | None = None) -> None:
-        """Write all four forms into the folder, `report.json` last: it marks a whole report."""
+    def write(self, cache: ResultCache | None = None, out: Path | None = None) -> None:
+        """Write all four forms into the folder, `report.json` last: it marks a whole report.
+
+        The folder is moved to `out` afterwards.
+        """
         from inim.report.sections import render_html
         from inim.report.summary import render_junit, render_summary
 
         forms = {
             "report.html": lambda data: render_html(data, self.folder, cache),
             "junit.xml": render_junit,
-            "summary.md": render_summary,
+            "summary.md": lambda data: render_summary(data, out or self.folder),
         }
         write_forms(self.data, self.folder, "report.json", forms)
 

@@ -3,6 +3,7 @@
 import math
 import re
 import shlex
+import sys
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 
@@ -12,11 +13,16 @@ from inim.scores.document_parts import Change, Check, Regression
 from inim.scores.metrics import HEADLINE, MAIN
 from inim.scores.regression.document import CompareDocument
 from inim.scores.regression.scores import score_label
+from inim.scores.regression.verdict import AGAINST_BASELINE
 from inim.system.document import read_document
 
 #: Comparisons and changes on the terminal and in the summary; the document has all.
 MOST_LINES = 12
+#: Note on the scores in comparisons, which are not those of the tables.
+COMPARED_SCORES = "comparisons use scores that are not corrected for noise"
 _HEADLINE = score_label(HEADLINE)
+_CHANGED = ("worse", "inputs changed, scores changed")
+_DIRECTIONS = ("worse", "", "better")
 # Circumstances that may explain a change; versions of libraries are in the document.
 _CODE = re.compile("code$|inim$|package ")
 
@@ -40,15 +46,25 @@ def compared(data: ReportDocument | CompareDocument) -> list[Check]:
     return [check for check in data.verdict.checks if check.kind is not None]
 
 
-def largest_first(checks: Iterable[Check]) -> list[Check]:
-    """Comparisons by the size of their change, in units of their tolerance."""
-    return sorted(checks, key=tolerance_share, reverse=True)
+def worst_first(checks: Iterable[Check]) -> list[Check]:
+    """Comparisons that became worse, then the others; each by change in units of its tolerance."""
+    return sorted(checks, key=lambda c: (_DIRECTIONS.index(c.direction), -tolerance_share(c)))
+
+
+def changed_check(check: Check) -> str:
+    """A changed comparison and its direction in one line."""
+    return f"{check.direction or 'changed'}: {check.name}: {check_sentence(check)}"
+
+
+def short_name(check: Check) -> str:
+    """Name of a comparison where the baseline is evident."""
+    return check.name.removesuffix(AGAINST_BASELINE)
 
 
 def also_changed(comparison: Regression) -> list[str]:
     """A line with the code and the packages that changed, which may explain a change."""
     names = [change_text(c) for c in comparison.circumstances if _CODE.match(c.name)]
-    return [f"also changed: {'; '.join(names)}"] if names else []
+    return [f"also changed, which excuses no change: {'; '.join(names)}"] if names else []
 
 
 def headline_changes(data: ReportDocument | CompareDocument) -> dict[str, dict[str, Check]]:
@@ -70,14 +86,19 @@ def signed_change(check: Check) -> str:
 
 
 def verdict_sentence(data: ReportDocument | CompareDocument, comparison: Regression) -> str:
-    """The verdict with the numbers of comparisons and of changed inputs."""
+    """The verdict with the numbers of comparisons and of changed inputs, and the worst change."""
     checks = compared(data)
-    changed = sum(not check.passed for check in checks)
-    words = f"{comparison.verdict}: {changed} of {len(checks)} comparisons changed"
+    changed = worst_first(check for check in checks if not check.passed)
+    words = f"{comparison.verdict}: {len(changed)} of {len(checks)} comparisons changed"
+    if count := sum(check.direction == "worse" for check in changed):
+        words += f" ({count} for the worse)"
     if count := len(comparison.inputs):
         words += f", {count} changed input{'s' * (count > 1)}"
-    if comparison.verdict == "inputs changed, scores changed" and data.verdict.passed:
+    if comparison.verdict == _CHANGED[1] and data.verdict.passed:
         words += ", allowed"
+    if changed and comparison.verdict in _CHANGED:
+        kind = "worst" if changed[0].direction == "worse" else "largest"
+        words += f"; {kind}: {short_name(changed[0])}"
     return words
 
 
@@ -97,10 +118,8 @@ def comparison_lines(
         names = ", ".join(comparison.not_compared[:most])
         lines.append(plain(f"not compared: {names}"))
         lines += _more(comparison.not_compared, most, "not compared")
-    failed = largest_first(check for check in compared(data) if not check.passed)
-    for check in failed[:most]:
-        word = "better" if check.excuse == "better" else "changed"
-        lines.append(plain(f"{word}: {check.name}: {check_sentence(check)}"))
+    failed = worst_first(check for check in compared(data) if not check.passed)
+    lines += [plain(changed_check(check)) for check in failed[:most]]
     lines += _more(failed, most, "changed comparisons")
     if failed:
         lines += map(plain, also_changed(comparison))
@@ -116,9 +135,9 @@ def accept_command(out: Path) -> str:
 
 
 def accepted_lines(out: Path) -> list[str]:
-    """Changes of a report relative to the baseline that it was compared with, for a review."""
+    """All changes of a report relative to the baseline that it was compared with, for a review."""
     data = read_document(out / "report.json", "make it with inim validate", ReportDocument)
-    return comparison_lines(data)
+    return comparison_lines(data, most=sys.maxsize)
 
 
 def _more(items: Sequence[object], most: int, kind: str) -> list[str]:

@@ -7,16 +7,19 @@ from pathlib import Path
 from typing import Any
 
 from inim.report.comparison_text import (
+    COMPARED_SCORES,
     MOST_LINES,
     accept_command,
     also_changed,
     change_text,
+    changed_check,
     comparison_lines,
     headline_changes,
-    largest_first,
+    short_name,
     signed_change,
     tolerance_share,
     verdict_sentence,
+    worst_first,
 )
 from inim.report.document import ReportDocument
 from inim.report.labels import (
@@ -57,8 +60,11 @@ _MEANING = (
 )
 
 
-def render_summary(data: ReportDocument) -> str:
-    """The report in a few lines of Markdown: verdict and scores with their references."""
+def render_summary(data: ReportDocument, out: Path | None = None) -> str:
+    """The report in a few lines of Markdown: verdict and scores with their references.
+
+    With the folder of the report, the command that accepts its changes is in it.
+    """
     suggestion = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
     criteria = (
         [f"To set criteria: `-D 'inim.min_ssim_to_reference={suggestion}'`."] if suggestion else []
@@ -68,7 +74,7 @@ def render_summary(data: ReportDocument) -> str:
     blocks = [
         f"## {markdown_text(data.title)}: {verdict_words(data)}",
         _verdict_line(data),
-        *_regression_lines(data),
+        *_regression_lines(data, out),
         *preview,
         _scores_table(data),
         named(data, _MEANING),
@@ -168,7 +174,7 @@ _KINDS = {
 }
 
 
-def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
+def _regression_lines(data: ReportDocument | CompareDocument, out: Path | None = None) -> list[str]:
     """Against the baseline: verdict, changed inputs, changes of the headline score, comparisons.
 
     Each kind of comparison has the one nearest to failing, which shows drift where all is well.
@@ -191,8 +197,8 @@ def _regression_lines(data: ReportDocument | CompareDocument) -> list[str]:
         blocks.append(f"Not compared: {markdown_text(names, _LONGEST_SENTENCE)}.")
     if comparison.verdict != "passed":
         blocks += [markdown_text(line, _LONGEST_SENTENCE) for line in also_changed(comparison)]
-        if isinstance(data, ReportDocument):
-            blocks.append(f"To accept: {markdown_command(accept_command(Path('OUT')))}")
+        if out is not None:
+            blocks.append(f"To accept: {markdown_command(accept_command(out))}")
     heads = ["comparison", "changed", "largest for its limit", "value", "limit"]
     rows = []
     for kind, label in _KINDS.items():
@@ -219,7 +225,7 @@ def _kind_row(of_kind: list[Check]) -> list[str]:
     worst = max(of_kind, key=lambda c: (not c.passed, tolerance_share(c)))
     limit = f"{relation(worst)} {check_limit(worst)}"
     counted = f"{changed} of {len(of_kind)}"
-    name = markdown_text(worst.name.replace(" against the baseline", ""))
+    name = markdown_text(short_name(worst))
     return [counted, name, markdown_text(check_value(worst)), markdown_text(limit)]
 
 
@@ -276,16 +282,15 @@ def _reference_row(
 
 
 def _failures(data: ReportDocument | CompareDocument) -> list[str]:
-    failed = [check for check in data.verdict.failures if check.kind is None]
-    failed += largest_first(check for check in data.verdict.failures if check.kind is not None)
-    lines = [
-        f"* {markdown_text(check.name)}: {markdown_text(check_sentence(check), _LONGEST_SENTENCE)}"
-        for check in failed[:_MOST_FAILURES]
-    ]
+    failed = [f"{c.name}: {check_sentence(c)}" for c in data.verdict.failures if c.kind is None]
+    changed = worst_first(check for check in data.verdict.failures if check.kind is not None)
+    failed += map(changed_check, changed)
+    lines = [f"* {markdown_text(line, _LONGEST_SENTENCE)}" for line in failed[:_MOST_FAILURES]]
     if len(failed) > _MOST_FAILURES:
         document = "compare.json" if isinstance(data, CompareDocument) else "report.json"
         lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in {document}")
-    return ["**Failed checks**\n\n" + "\n".join(lines)] if lines else []
+    noise = f" ({COMPARED_SCORES})" if changed else ""
+    return [f"**Failed checks**{noise}\n\n" + "\n".join(lines)] if lines else []
 
 
 def markdown_table(

@@ -124,6 +124,7 @@ Viewpoints = Annotated[list[EyePosition], doc("Eye positions, in order.")]
 
 Relation = Literal[">=", "<=", "within"]
 Kind = Literal["picture", "score", "light", "pixels", "noise"]
+Direction = Literal["better", "worse", ""]
 
 
 class Check(Part):
@@ -145,6 +146,8 @@ class Check(Part):
     criterion: bool = False  #: True if the user set the limit: a check of quality.
     #: Reason why a failure does not fail the run: an improvement, or changed inputs; may be empty.
     excuse: str = ""
+    #: Direction of a changed score or light; empty: unchanged, or without a better side.
+    direction: Direction = ""
 
     def __post_init__(self) -> None:
         if self.passed and (self.value is None or math.isnan(self.value)):

@@ -7,10 +7,14 @@ import pytest
 from scipy import stats
 
 from inim.pipeline.compare import Pair, all_lines, paired_differences
+from inim.report.comparison_text import comparison_lines
+from inim.report.labels import check_sentence
+from inim.report.summary import render_checks
 from inim.scores.document_parts import Check
 from inim.scores.metrics import HEADLINE
 from inim.scores.regression.document import CompareDocument
-from inim.scores.regression.scores import score_label
+from inim.scores.regression.scores import ScoreEstimate, compare_scores, score_label
+from inim.scores.regression.verdict import judge, within
 from tests.schemas import completed
 
 
@@ -25,11 +29,13 @@ def pair(title: str, *changes: float, verdict: str = "passed") -> Pair:
         for n, change in enumerate(changes)
     ]  # fmt: skip
     text = completed("compare", {"title": title, "regression": {"verdict": verdict, "inputs": []}})
-    data = msgspec.convert(text, CompareDocument)
-    data = msgspec.structs.replace(
-        data, verdict=msgspec.structs.replace(data.verdict, passed=False, checks=checks)
-    )
+    data = with_checks(msgspec.convert(text, CompareDocument), checks)
     return Pair(Path("a"), Path("b"), Path("c"), data)
+
+
+def with_checks(data: CompareDocument, checks: list[Check]) -> CompareDocument:
+    verdict = msgspec.structs.replace(data.verdict, passed=False, checks=checks)
+    return msgspec.structs.replace(data, verdict=verdict)
 
 
 def test_relics_are_paired_by_student_s_test():
@@ -54,3 +60,65 @@ def test_a_pair_that_passed_has_one_line(verdict):
     assert any(line.startswith("  changed: template/view0") for line in text) is (
         verdict == "worse"
     )
+
+
+def compared(old: float, new: float, name: str, scored: str = "template/left") -> Check:
+    """The check of a score without noise; the light of the reference view stays 0.5."""
+    reference = {"reference/left": {name: ScoreEstimate(0.5, 0.0, 8.0, 0.0)}}
+    runs = [reference | {scored: {name: ScoreEstimate(v, 0.0, 8.0, 0.0)}} for v in (old, new)]
+    return compare_scores(*runs)[-1]
+
+
+@pytest.mark.parametrize(
+    ("name", "old", "new", "direction"),
+    [
+        ("ssim_to_reference", 0.8, 0.9, "better"),
+        ("ssim_to_reference", 0.9, 0.8, "worse"),
+        ("ssim_to_reference", 0.9, 0.901, ""),
+        ("flip", 0.1, 0.2, "worse"),
+        ("light_on_relic_red_to_reference", -5.0, 1.0, "better"),
+        ("light_on_relic_red_to_reference", 1.0, -5.0, "worse"),
+        ("light_on_relic_red", 0.6, 0.52, "better"),
+        ("light_on_relic_red", 0.6, 0.3, "worse"),
+    ],
+)
+def test_a_change_has_the_direction_of_its_metric_or_of_the_reference_light(
+    name, old, new, direction
+):
+    assert compared(old, new, name).direction == direction
+
+
+def test_light_of_the_reference_view_has_no_better_side():
+    assert compared(0.5, 0.7, "light_on_relic_red", "reference/left").direction == ""
+
+
+# Lines of the completed document's own values.
+_EXAMPLE = ("changed ", "not compared", "also changed")
+
+
+def test_worse_scores_come_first_and_the_verdict_names_the_worst():
+    better = compared(0.5, 0.9, HEADLINE)
+    worse = compared(0.1, 0.11, "flip")
+    verdict, checks = judge([better, worse], inputs_changed=False, allow_changed_inputs=False)
+    data = with_checks(pair("jade", verdict=verdict).data, checks)
+    first, second, *_, last = (x for x in comparison_lines(data) if not x.startswith(_EXAMPLE))
+    assert first.startswith("worse: template/left: FLIP to ground truth")
+    assert second.startswith("better: template/left: SSIM on relic to reference")
+    expected = "worse: 2 of 2 comparisons changed (1 for the worse); worst: template/left: FLIP"
+    assert last.startswith(expected)
+    assert "not corrected for noise" in render_checks(data)
+
+
+def test_a_limit_that_is_the_uncertainty_is_printed_once():
+    noisy = within("a", "score", -0.0347, 0.009, 0.005, unit="", detail="why")
+    assert check_sentence(noisy) == "−0.0347, required within ± 0.009, its uncertainty. why"
+    large = within("a", "score", -0.0347, 0.001, 0.005, unit="")
+    assert check_sentence(large) == "−0.0347, required within ± 0.005 (interval −0.0357 to −0.0337)"
+
+
+def test_a_share_is_in_per_cent():
+    pixels = Check(
+        name="a", kind="pixels", value=0.5525, relation="<=", limit=0.001, passed=False,
+        detail="", interval=(0.5, 0.6), unit="share",
+    )  # fmt: skip
+    assert check_sentence(pixels) == "55.25\u00a0%, required ≤ 0.1\u00a0% (interval 50 to 60)"

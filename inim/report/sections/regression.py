@@ -6,14 +6,17 @@ from pathlib import Path
 import msgspec
 
 from inim.report.comparison_text import (
+    COMPARED_SCORES,
+    changed_check,
     compared,
     headline_changes,
     signed_change,
     verdict_sentence,
+    worst_first,
 )
 from inim.report.document import ReportDocument
 from inim.report.images import ENCODINGS, ReportImages
-from inim.report.labels import MISSING, check_sentence
+from inim.report.labels import MISSING
 from inim.report.page import (
     Section,
     bullets,
@@ -93,16 +96,18 @@ def _preview(png_base64: str) -> str:
 def _scores(data: ReportDocument | CompareDocument) -> str:
     """Changes of the headline score by algorithm and viewpoint, and all changed scores."""
     rows = [
-        [algorithm, view, signed_change(check), "" if check.passed else check.excuse or "changed"]
+        [algorithm, view, signed_change(c), "" if c.passed else c.direction or "changed"]
         for algorithm, by_view in headline_changes(data).items()
-        for view, check in by_view.items()
+        for view, c in by_view.items()
     ]
     caption = f"Change of {HEADLINE_WORDS}, with its interval"
     heads = ["Algorithm", "Viewpoint", "Change", ""]
     all_changes = text_table(caption, heads, rows, "drift") if rows else ""
-    changed = [c for c in compared(data) if c.kind == "score" and not c.passed]
-    items = [f"{check.name}: {check_sentence(check)}" for check in changed]
-    return all_changes + (lead("Changed scores:") + bullets(items, "changes") if items else "")
+    changed = worst_first(c for c in compared(data) if c.kind == "score" and not c.passed)
+    if not changed:
+        return all_changes
+    title = lead(f"Changed scores ({COMPARED_SCORES}):")
+    return all_changes + title + bullets(map(changed_check, changed), "changes")
 
 
 def _not_compared(comparison: Regression) -> str:

@@ -46,8 +46,10 @@ from inim.scores.regression.noise_free import (
     sum_blocks,
 )
 from inim.scores.regression.verdict import (
+    AGAINST_BASELINE,
     BETTER,
     FAMILY_RATE,
+    WORSE,
     sidak,
     welch_half_width,
     welch_p_value,
@@ -373,7 +375,7 @@ def compare_scores(
     candidate: Mapping[str, Mapping[str, ScoreEstimate]],
     noise_ratio: float = 1.0,
 ) -> list[Check]:
-    """Verdicts on the baseline's scores; a score that became better has an excuse.
+    """Verdicts on the baseline's scores, with the direction of each change.
 
     Scores are by scored object ("template/left"), then by score name ("ssim_to_reference"); one
     that the candidate lacks fails. `noise_ratio` is the ratio of the candidate's standard errors to
@@ -391,14 +393,32 @@ def compare_scores(
             candidate.get(scored, {}).get(name),
             level,
             scale,
+            (_target(baseline, scored, name), _target(candidate, scored, name)),
         )
         for scored, scores in baseline.items()
         for name, old in scores.items()
     ]
 
 
+def _target(
+    scores: Mapping[str, Mapping[str, ScoreEstimate]], scored: str, light_name: str
+) -> float:
+    """Best value of a light: 0 to the reference, else the reference view's; NaN if unknown."""
+    if light_name.endswith("_to_reference"):
+        return 0.0
+    reference = f"reference/{scored.rpartition('/')[2]}"
+    target = scores.get(reference, {}).get(light_name)
+    return math.nan if target is None or scored == reference else target.plain
+
+
 def _verdict(
-    label: str, name: str, old: ScoreEstimate, new: ScoreEstimate | None, level: float, scale: float
+    label: str,
+    name: str,
+    old: ScoreEstimate,
+    new: ScoreEstimate | None,
+    level: float,
+    scale: float,
+    targets: tuple[float, float],
 ) -> Check:
     metric = find(name)
     smallest, unit = (metric.tolerance, metric.unit) if metric else (0.0, "")
@@ -409,7 +429,7 @@ def _verdict(
     elif is_light:
         smallest, unit = max(_LIGHT_SHARE * abs(old.plain), _LIGHT_OF_WHITE), "% of white"
         kind = "light"
-    label = f"{label} against the baseline"
+    label += AGAINST_BASELINE
     if new is None or not (metric or is_light):
         detail = "the score is missing" if new is None else "its metric is not installed"
         return within(label, kind, math.nan, math.nan, smallest, unit=unit, detail=detail)
@@ -428,9 +448,10 @@ def _verdict(
     if abs(expected) > smallest / 10:
         detail += f", {expected:+.4f} of it due to the number of samples"
     verdict = within(label, kind, change, half, smallest, unit=unit, p_value=p, detail=detail)
-    is_better = metric.is_better(change) if metric else abs(new.plain) < abs(old.plain)
-    excuse = BETTER if is_better and kind == "score" and not verdict.passed else ""
-    return msgspec.structs.replace(verdict, excuse=excuse)
+    before, after = abs(old.plain - targets[0]), abs(new.plain - targets[1])
+    is_better = metric.is_better(change) if metric else after < before
+    direction = BETTER if is_better else WORSE if metric or after >= before else ""
+    return msgspec.structs.replace(verdict, direction="" if verdict.passed else direction)
 
 
 def score_label(name: str) -> str:

@@ -12,7 +12,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from inim.scores.document_parts import Check, Kind, Relation, Verdict
+from inim.scores.document_parts import Check, Direction, Kind, Relation, Verdict
 
 #: Probability that noise alone fails any test of an unchanged program: once in three years in a
 #: daily check. The two families of tests, all tiles and all scores, have half of it each.
@@ -120,6 +120,8 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
     return low, high
 
 
+#: End of the names of comparisons with a baseline.
+AGAINST_BASELINE = " against the baseline"
 #: Relation of a change to the largest that passes in either direction.
 WITHIN: Relation = "within"
 
@@ -149,7 +151,9 @@ def within(
 
 #: Excuse of a score that became better, if nothing else became worse; and of any failure if the
 #: inputs changed.
-BETTER: str = "better"
+BETTER: Direction = "better"
+#: Direction of a score or light that became worse.
+WORSE: Direction = "worse"
 _INPUTS = "inputs changed"
 # Kinds of checks that decide if inputs changed.
 _DECIDING = ("score", "light")
@@ -166,12 +170,12 @@ def judge(
     failed = [check for check in checks if not check.passed]
     if not any(check.kind == "score" for check in checks):
         missing = within(
-            "scores against the baseline",
+            f"scores{AGAINST_BASELINE}",
             "score",
             math.nan,
             math.nan,
             0.0,
-            detail="no score of both runs has the same name; accept a new baseline",
+            detail="no score of both runs has the same name; choose another baseline",
         )
         return "not comparable", [*checks, missing]
     if inputs_changed:
@@ -185,11 +189,14 @@ def judge(
         return verdict, _excuse(checks, excused, _INPUTS)
     if not failed:
         return "passed", [*checks]
-    better = {_algorithm(c) for c in failed if c.kind == "score" and c.excuse}
+    better = [c for c in failed if c.kind == "score" and c.direction == BETTER]
+    algorithms = {_algorithm(c) for c in better}
     images = [
-        c for c in failed if c.kind in ("picture", "pixels", "light") and _algorithm(c) in better
+        c
+        for c in failed
+        if c.kind in ("picture", "pixels", "light") and _algorithm(c) in algorithms
     ]
-    if all(c.excuse or c in images for c in failed):
+    if all(c in better or c in images for c in failed):
         return "improved", _excuse(checks, failed, BETTER)
     return "worse", _excuse(checks, failed, "")
 
