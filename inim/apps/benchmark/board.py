@@ -276,18 +276,24 @@ def _display(case: str) -> str:
 
 def _draw(entries: Sequence[BoardEntry]) -> Any:
     """Time against error of the entries with times."""
-    figure, (axis,) = plots.new_figure(1, 4.2)
-    plots.style(axis, "", "ms per million panel pixels", "1 − SSIM on the relic")
-    for entry in entries:
-        x, y = entry.ms_per_megapixel, 1 - entry.headline
-        axis.errorbar(
-            x, y, entry.headline_error, fmt=plots.marker_of(entry.name), linestyle="none",
-            color=plots.colour_of(entry.name),
-        )  # fmt: skip
-        axis.annotate(entry.name, (x, y), (6, 4), textcoords="offset points", fontsize=7)
+    figure = plots.blank_figure((9.2, 5.2), "constrained")
+    axis = figure.subplots()
+    plots.style(axis, "", "ms per million panel pixels (↙ better)", "1 − SSIM on the relic")
+    errors = {entry.name: 1 - entry.headline for entry in entries}
+    names = plots.draw_time_against_error(
+        axis,
+        [
+            plots.TimedPoint(e.name, e.ms_per_megapixel, errors[e.name], errors[e.name])
+            for e in entries
+            if e.ms_per_megapixel is not None
+        ],
+    )
     axis.set_xscale("log")
     axis.set_yscale("log")
+    axis.margins(0.15, 0.1)
     plots.plain_ticks(axis)
+    figure.canvas.draw()
+    plots.set_apart(axis, names)
     return figure
 
 
