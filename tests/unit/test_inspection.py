@@ -49,6 +49,18 @@ def inspected(**changes: object) -> Inspection:
 # --- Closed forms -------------------------------------------------------------------------------
 
 
+def test_sharp_depth_has_one_name_with_simulated_and_with_ideal_lenses():
+    inspection = inspect_display(DISPLAYS["looking-glass-portrait-typical"], 600.0)
+    real = inspection.document.suitability.sharp_depth_mm
+    # A pixel's beam is as wide as the lens at the array, and twice as wide at the onset of blur.
+    ideal = 2 * inspection.document.depth.blur_onset_mm
+    text = str(inspection)
+    assert real < ideal
+    assert f"  sharp depth{'':19}{real:.4g} mm; with ideal lenses {ideal:.4g} mm\n" in text
+    assert text.count("sharp depth") == 1
+    assert "sharp to" not in text
+
+
 def test_numbers_of_the_nominal_display_are_those_worked_out_by_hand(nominal):
     depth, viewing = nominal.document.depth, nominal.document.viewing
     assert (depth.mode, depth.central_depth_mm) == ("real", NOMINAL.central_depth_mm)

@@ -13,6 +13,7 @@ from inim.apps.inspect.geometry import (
     pixel_footprint_mm,
     voxel_mm,
 )
+from inim.apps.inspect.suitability import sharp_depth_mm
 from inim.display import Display
 from inim.display.lens import lens_model as find_lens_model
 from inim.display.panel import panel_words
@@ -49,7 +50,7 @@ def as_text(data: InspectDocument) -> str:
         "Depth": [*_depth(data), *_depth_range(data), *_voxels(data.display)],
         "Pixels per lens: benefit and cost": _choices(data),
         "Viewing": _viewing(data.viewing),
-        f"Suitability for a viewer at {distance}": _suitability(data.suitability),
+        f"Suitability for a viewer at {distance}": _suitability(data.suitability, data.display),
         f"Spot of {point} through one lens ({data.lens_model.name})": _spots(data),
         f"Light that reaches an eye at {distance}, % of the rays to the array": _light(data),
         "Notes": _notes(data.warnings),
@@ -136,9 +137,7 @@ def _depth_range(data: InspectDocument) -> list[str]:
     elif d.depth_range_is_cut:
         origin = " (by the formula, cut off the array)"
     lines = [_line("depth range", f"{_n(low)} to {_n(high)} mm{origin}")]
-    if mode(d) == "focused":
-        lines.append(_line("sharp to", f"{_n(data.depth.blur_onset_mm)} mm from the array"))
-    elif d.depth_min_mm is None:
+    if mode(d) != "focused" and d.depth_min_mm is None:
         lines.append(_line("depth span by the formula", f"{_n(d.depth_span_mm)} mm"))
     return lines
 
@@ -198,16 +197,19 @@ def _viewing(zone: ViewingLimits) -> list[str]:
     ]
 
 
-def _suitability(figures: Suitability) -> list[str]:
+def _suitability(figures: Suitability, display: Display) -> list[str]:
     head = figures.head_movement_mm
     height = figures.zone_height_mm
     eyes = "no" if head is None else f"yes; the head may move by ±{_n(round(head, 3))} mm"
     tall = "any height" if height is None else f"{_n(height)} mm"
     accuracy = figures.accuracy
+    ideal = ""
+    if mode(display) == "focused":
+        ideal = f"; with ideal lenses {_n(sharp_depth_mm(display))} mm"
     return [
         _line("finest detail", f"{_n(figures.detail_mm)} mm at the worst depth of the range"),
         _line("details across", f"{figures.details_across:.0f}"),
-        _line("depth with sharp details", f"{_n(figures.sharp_depth_mm)} mm"),
+        _line("sharp depth", f"{_n(figures.sharp_depth_mm)} mm{ideal}"),
         _line("viewing zone", f"{_n(figures.zone_width_mm)} x {tall}"),
         _line("two eyes fit", eyes),
         _line("brightness", f"{100 * figures.brightness:.0f} % of the panel's"),

@@ -48,7 +48,7 @@ def suitability(
         detail_mm=detail,
         details_across=display.width_mm / detail,
         depth_mm=high - low,
-        sharp_depth_mm=_sharp_depth_mm(display, pixels),
+        sharp_depth_mm=sharp_depth_mm(display, pixels),
         zone_width_mm=2 * max(half_x, 0.0) if half_y >= 0 else 0.0,
         zone_height_mm=None if math.isinf(half_y) else 2 * max(half_y, 0.0),
         two_eyes_fit=fits,
@@ -98,8 +98,10 @@ def _pixel_share(display: Display) -> float:
     return 1 / 3 if display.layout.of_cylinders and display.subpixels != "none" else 1.0
 
 
-def _sharp_depth_mm(display: Display, blurred_pixels: float) -> float:
+def sharp_depth_mm(display: Display, blurred_pixels: float = 0.0) -> float:
     """Length of the depths whose details are at most twice as wide as the finest ones.
+
+    * `blurred_pixels`: see `_detail_mm`; by default lenses are ideal.
 
     The width is linear between the array and the central depth plane D, one of which has the finest
     details, and on either side of both.
