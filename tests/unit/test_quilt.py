@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from inim.apps.export.quilt import QuiltRequest
+from inim.apps.export.tiles import Tiles, parse_tiles
 from inim.display.viewpoint import default_distance_mm, zone_eyes
 from inim.system.errors import UsageError, ViewpointError
 from tests.conftest import small_display
@@ -32,6 +33,22 @@ def test_eyes_are_in_the_middles_of_equal_shares_of_the_zone_from_left_to_right(
 def test_eyes_too_close_for_a_zone_are_refused():
     with pytest.raises(ViewpointError, match="move back to at least"):
         zone_eyes(DISPLAY, 48, 60.0)
+
+
+@pytest.mark.parametrize(
+    ("width", "height", "columns", "rows", "aspect"),
+    [
+        (3360, 3360, 8, 6, 0.75),  # Portrait
+        (4092, 4092, 11, 6, 0.5625),  # Go
+        (5999, 5999, 7, 7, 16 / 9),  # 16", landscape
+        (4096, 4096, 5, 9, 16 / 9),  # 15.6"
+        (8192, 8192, 8, 9, 16 / 9),  # 65"
+    ],
+)
+def test_tiles_of_a_device_are_those_of_the_vendor_s_table(width, height, columns, rows, aspect):
+    """LKG-Toolkit, HardCodedLKGDeviceTemplates.cs; tiles are whole pixels, the rest is unused."""
+    tiles = Tiles(columns, rows, width // columns, height // rows, aspect)
+    assert parse_tiles(f"{columns}x{rows}", None, None) == tiles
 
 
 @pytest.mark.parametrize(
