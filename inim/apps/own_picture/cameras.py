@@ -42,7 +42,7 @@ def read_cameras(path: Path, options: CameraPicture, display: Display) -> Placed
     `InimError` if a file is damaged or contradicts the options.
     """
     _check_options(options)
-    document = read_document(path, "see docs/how-to/own-photograph.md", CamerasDocument)
+    document = read_document(path, "see docs/how-to/several-cameras.md", CamerasDocument)
     if not 2 <= len(document.pictures) <= MOST_CAMERAS:
         raise FileError(
             f"{path}: {len(document.pictures)} pictures; give 2 to {MOST_CAMERAS}, or for one use "
