@@ -1,4 +1,4 @@
-"""Runs and pictures of the gallery, and the two pictures in README.
+"""Runs and pictures of the gallery, and the pictures of README and of a tutorial.
 
     python -m reports.gallery.run            # all entries, into reports/gallery/NAME
     python -m reports.gallery.run jade zone  # some entries
@@ -140,7 +140,7 @@ def render_room(run: Path, out: Path) -> None:
 
 
 def make_readme() -> None:
-    """Make the two pictures in README, and the EIA of the site's first page."""
+    """Make the picture of a report, that of README, and the EIA of the site's first page."""
     IMAGES.mkdir(exist_ok=True)
     run = validate(RUNS / "readme", EYE.report_scene, EYE.report_options)
     photograph_report(run, IMAGES / "report.webp")
