@@ -17,7 +17,7 @@ from inim.system import errors
 from tests.documents import ROOT, blocks, check_syntax, commands, pages
 
 EXAMPLES = ROOT / "tests" / "example_package"
-MOST_CHARACTERS_OF_README = 8_000
+MOST_CHARACTERS_OF_README = 7_000
 _LINK = re.compile(r"\]\(([^)\s]*)\)")
 _CODE = re.compile(r"```.*?```|`[^`\n]*`", re.S)
 
