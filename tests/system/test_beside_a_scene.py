@@ -82,6 +82,13 @@ def test_modules_in_the_current_folder_are_not_executed(trapped, start):
         assert_one_line(ended.stderr, ["tiny.xml"])
 
 
+@pytest.mark.parametrize(("value", "expected"), [("kept", "{}/kept"), ("/a", "/a"), ("OFF", "OFF")])
+def test_a_child_elsewhere_has_the_same_result_cache(monkeypatch, tmp_path, value, expected):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("INIM_CACHE", value)
+    assert child_environment()["INIM_CACHE"] == expected.format(tmp_path)
+
+
 def test_pictures_are_drawn_without_the_current_folder_s_configuration(tmp_path):
     small = definitions({"inim.lens_columns": "6", "inim.lens_rows": "6"})
     words = python_module("inim", "inspect", "nominal", "-o", "out", *small)

@@ -46,7 +46,8 @@ def python_module(module: str, *arguments: str) -> list[str]:
 
 
 # Variables with a folder, which may be relative to the current one, or with a list of folders.
-_FOLDER_VARIABLES = ("NUMBA_CACHE_DIR",)
+_FOLDER_VARIABLES = ("NUMBA_CACHE_DIR", "INIM_CACHE")
+_NO_FOLDER = "off"  # of `INIM_CACHE`
 _LIST_VARIABLES = ("PYTHONPATH", "LD_LIBRARY_PATH")
 
 
@@ -59,7 +60,7 @@ def child_environment() -> dict[str, str]:
     for name in (*_FOLDER_VARIABLES, *_LIST_VARIABLES):
         value = variables.get(name, "")
         folders = value.split(os.pathsep) if name in _LIST_VARIABLES else [value]
-        if value:
+        if value and value.lower() != _NO_FOLDER:
             with suppress(OSError):  # the current folder was deleted
                 absolute = [str(Path(folder).absolute()) for folder in folders if folder]
                 variables[name] = os.pathsep.join(absolute)
