@@ -7,8 +7,8 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-import msgspec
 import numpy as np
+from msgspec.structs import replace
 
 from inim.pipeline.baseline import FOLDER, failed_pictures, read_run, regression_data
 from inim.report import Report
@@ -128,10 +128,8 @@ def compare_reports(before: Path, after: Path, out: Path) -> CompareDocument:
         raise UsageError(f"{out}: is one of the reports; choose another folder with -o")
     comparison = compare(old, new)
     checks = [
-        msgspec.structs.replace(
-            check, name=short_name(check), detail=check.detail.replace("baseline", "first report")
-        )
-        for check in comparison.checks
+        replace(c, name=short_name(c), detail=c.detail.replace("baseline", "first report"))
+        for c in comparison.checks
     ]
     with output_files(out, COMPARISON_FILES) as staging:
         data = CompareDocument(

@@ -126,10 +126,7 @@ class Report:
         return ScoreTable.of(self, scores)
 
     def write(self, cache: ResultCache | None = None, out: Path | None = None) -> None:
-        """Write all four forms into the folder, `report.json` last: it marks a whole report.
-
-        The folder is moved to `out` afterwards.
-        """
+        """Write all forms, `report.json` last: it marks a whole report, to be moved to `out`."""
         from inim.report.sections import render_html
         from inim.report.summary import render_junit, render_summary
 

@@ -13,13 +13,10 @@ from inim.scores.document_parts import Change, Check, Regression
 from inim.scores.metrics import HEADLINE, MAIN
 from inim.scores.regression.document import CompareDocument
 from inim.scores.regression.scores import score_label
-from inim.scores.regression.verdict import AGAINST_BASELINE
 from inim.system.document import read_document
 
 #: Comparisons and changes on the terminal and in the summary; the document has all.
 MOST_LINES = 12
-#: Note on the scores in comparisons, which are not those of the tables.
-COMPARED_SCORES = "comparisons use scores that are not corrected for noise"
 _HEADLINE = score_label(HEADLINE)
 _CHANGED = ("worse", "inputs changed, scores changed")
 _DIRECTIONS = ("worse", "", "better")
@@ -58,7 +55,7 @@ def changed_check(check: Check) -> str:
 
 def short_name(check: Check) -> str:
     """Name of a comparison where the baseline is evident."""
-    return check.name.removesuffix(AGAINST_BASELINE)
+    return check.name.removesuffix(" against the baseline")
 
 
 def also_changed(comparison: Regression) -> list[str]:
@@ -91,7 +88,7 @@ def verdict_sentence(data: ReportDocument | CompareDocument, comparison: Regress
     changed = worst_first(check for check in checks if not check.passed)
     words = f"{comparison.verdict}: {len(changed)} of {len(checks)} comparisons changed"
     if count := sum(check.direction == "worse" for check in changed):
-        words += f" ({count} for the worse)"
+        words += f", {count} worse"
     if count := len(comparison.inputs):
         words += f", {count} changed input{'s' * (count > 1)}"
     if comparison.verdict == _CHANGED[1] and data.verdict.passed:

@@ -188,17 +188,12 @@ def _check_number(check: Check, value: float | None) -> str:
     The digits increase until a failed value differs from its limit, and a small limit from zero.
     """
     if check.unit is not None:  # a comparison, in units of its own
-        unit = "%" if check.unit == "share" else plain(check.unit)
-        return _in_unit(check, value) + (f"{NBSP}{unit}" if unit else "")
+        unit = plain(check.unit)
+        return short(value) + (f"{NBSP}{unit}" if unit else "")
     digits = _digits(check)
     while digits < _MOST_DIGITS and _misleads(check, value, digits):
         digits += 1
     return number(value, digits)
-
-
-def _in_unit(check: Check, value: float | None) -> str:
-    """Number of a comparison without its unit; a share is in per cent."""
-    return short(100 * value if is_number(value) and check.unit == "share" else value)
 
 
 def _misleads(check: Check, displayed: float | None, digits: int) -> bool:
@@ -222,7 +217,7 @@ def check_interval(check: Check) -> str:
     if not (is_number(low) and is_number(high)):
         return ""
     if check.unit is not None:
-        return f"{_in_unit(check, float(low))} to {_in_unit(check, float(high))}"
+        return f"{short(float(low))} to {short(float(high))}"
     return " to ".join(number(end, _digits(check)) for end in (low, high))
 
 

@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 from inim.report.comparison_text import (
-    COMPARED_SCORES,
     MOST_LINES,
     accept_command,
     also_changed,
@@ -61,10 +60,7 @@ _MEANING = (
 
 
 def render_summary(data: ReportDocument, out: Path | None = None) -> str:
-    """The report in a few lines of Markdown: verdict and scores with their references.
-
-    With the folder of the report, the command that accepts its changes is in it.
-    """
+    """The report, whose folder is `out`, in Markdown: verdict and scores with their references."""
     suggestion = suggested_criteria(data) if data.verdict.word == "ran clean" else ""
     criteria = (
         [f"To set criteria: `-D 'inim.min_ssim_to_reference={suggestion}'`."] if suggestion else []
@@ -289,8 +285,8 @@ def _failures(data: ReportDocument | CompareDocument) -> list[str]:
     if len(failed) > _MOST_FAILURES:
         document = "compare.json" if isinstance(data, CompareDocument) else "report.json"
         lines.append(f"* and {len(failed) - _MOST_FAILURES} more, in {document}")
-    noise = f" ({COMPARED_SCORES})" if changed else ""
-    return [f"**Failed checks**{noise}\n\n" + "\n".join(lines)] if lines else []
+    note = " (scores in comparisons are not corrected for noise)" if changed else ""
+    return [f"**Failed checks**{note}\n\n" + "\n".join(lines)] if lines else []
 
 
 def markdown_table(
@@ -358,7 +354,7 @@ def _describe(suite: ET.Element, data: ReportDocument | CompareDocument, failure
     if data.regression is not None:
         words = comparison_lines(data, most=len(data.verdict.checks))
         properties = ET.Element("properties")
-        verdict = {"name": "verdict against the baseline", "value": data.regression.verdict}
+        verdict = {"name": "verdict of the comparison", "value": data.regression.verdict}
         ET.SubElement(properties, "property", verdict)
         suite.insert(0, properties)
         ET.SubElement(suite, "system-out").text = "\n".join(words)

@@ -1,16 +1,23 @@
-"""Comparisons of several reports: paired differences over relics."""
+"""Comparisons in text: paired differences over relics, directions, and what a reader must know."""
 
 from pathlib import Path
+from types import SimpleNamespace
 
 import msgspec
 import pytest
 from scipy import stats
 
+from inim.display.settings import Settings
+from inim.generators import Algorithm
 from inim.pipeline.compare import Pair, all_lines, paired_differences
-from inim.report.comparison_text import comparison_lines
+from inim.pipeline.evaluation import Evaluation
+from inim.pipeline.plan import Plan
+from inim.pipeline.stages.method import GeneratorMethod
+from inim.pipeline.stages.scoring import Statistics
+from inim.report.comparison_text import accepted_lines, also_changed, comparison_lines
 from inim.report.labels import check_sentence
 from inim.report.summary import render_checks
-from inim.scores.document_parts import Check
+from inim.scores.document_parts import Change, Check
 from inim.scores.metrics import HEADLINE
 from inim.scores.regression.document import CompareDocument
 from inim.scores.regression.scores import ScoreEstimate, compare_scores, score_label
@@ -104,7 +111,7 @@ def test_worse_scores_come_first_and_the_verdict_names_the_worst():
     first, second, *_, last = (x for x in comparison_lines(data) if not x.startswith(_EXAMPLE))
     assert first.startswith("worse: template/left: FLIP to ground truth")
     assert second.startswith("better: template/left: SSIM on relic to reference")
-    expected = "worse: 2 of 2 comparisons changed (1 for the worse); worst: template/left: FLIP"
+    expected = "worse: 2 of 2 comparisons changed, 1 worse; worst: template/left: FLIP"
     assert last.startswith(expected)
     assert "not corrected for noise" in render_checks(data)
 
@@ -116,9 +123,37 @@ def test_a_limit_that_is_the_uncertainty_is_printed_once():
     assert check_sentence(large) == "−0.0347, required within ± 0.005 (interval −0.0357 to −0.0337)"
 
 
-def test_a_share_is_in_per_cent():
-    pixels = Check(
-        name="a", kind="pixels", value=0.5525, relation="<=", limit=0.001, passed=False,
-        detail="", interval=(0.5, 0.6), unit="share",
-    )  # fmt: skip
-    assert check_sentence(pixels) == "55.25\u00a0%, required ≤ 0.1\u00a0% (interval 50 to 60)"
+def test_an_accepted_report_lists_all_of_its_changes(monkeypatch):
+    checks = [compared(0.9, 0.8, HEADLINE, f"template/view{n}") for n in range(40)]
+    data = with_checks(pair("jade").data, checks)
+    monkeypatch.setattr("inim.report.comparison_text.read_document", lambda *_: data)
+    lines = accepted_lines(Path("out"))
+    assert sum(line.startswith("worse: template/view") for line in lines) == 40
+    assert not any(" more " in line for line in lines)
+
+
+def test_other_differences_excuse_no_change():
+    code = Change(name="package mine", baseline="1.0 a", candidate="1.0 b")
+    comparison = msgspec.structs.replace(pair("jade").data.regression, circumstances=[code])
+    assert also_changed(comparison) == [
+        "also changed, which excuses no change: package mine: 1.0 a → 1.0 b"
+    ]
+
+
+def test_a_package_has_its_name_whatever_its_options(monkeypatch):
+    monkeypatch.setattr("inim.pipeline.plan.identity", lambda *_: {"version": "1.0"})
+    chosen = Algorithm("mine", lambda *_: None, chosen_options=(("turns", 3),))
+    method = GeneratorMethod("mine:turns=3", chosen)
+    packages = Plan.algorithm_packages.fget(SimpleNamespace(methods=[method]))
+    assert packages == {"mine": {"version": "1.0"}}
+
+
+@pytest.mark.parametrize(("width", "warned"), [(0.010004, None), (0.0104, "0.0104")])
+def test_an_uncertainty_above_the_limit_is_also_printed_above_it(width, warned):
+    score = ScoreEstimate(0.9, 0.0, 8.0, 0.0, 0.9, (0.9 - width, 0.9 + width))
+    statistics = Statistics(scores={"template/left": {HEADLINE: score}})
+    plan = SimpleNamespace(settings=Settings(score_error=0.01), by_need=("eia_spp",))
+    results = {"template": SimpleNamespace(statistics=statistics)}
+    warnings = Evaluation._sampling_warnings(SimpleNamespace(plan=plan, results=results))
+    assert len(warnings) == (warned is not None)
+    assert all(f"by {warned}, more than inim.score_error, 0.01;" in text for text in warnings)

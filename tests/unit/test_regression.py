@@ -426,7 +426,8 @@ def test_changed_pixels_are_counted_and_an_exact_path_may_have_none(exact):
     changed = np.where(rng.random(eia.shape[:2])[..., None] < 0.01, 1 - eia, eia)
     verdict = compare_fingerprints(old, {"a": printed(changed, exact=exact)})[0]
     assert not verdict.passed
-    assert verdict.interval[0] <= 0.01 <= verdict.interval[1]
+    assert verdict.interval[0] <= 1 <= verdict.interval[1]
+    assert (verdict.unit, verdict.limit) == ("%", 0 if exact else pytest.approx(0.1))
     assert not compare_fingerprints(old, {})[0].passed
 
 

@@ -122,6 +122,11 @@ def test_comparison_with_a_baseline_is_a_criterion():
     assert report(verdict={"passed": True, "checks": compared}).verdict.word == "passed"
 
 
+def test_the_command_that_accepts_names_the_folder_of_the_report():
+    data = report(regression={"verdict": "worse", "inputs": []})
+    assert "To accept: `inim accept 'my out' --reason TEXT`" in render_summary(data, Path("my out"))
+
+
 # -- JUnit -----------------------------------------------------------------------------------------
 
 

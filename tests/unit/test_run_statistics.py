@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -10,6 +11,7 @@ import pytest
 
 from inim.display import DISPLAYS
 from inim.image.noisy_image import NoisyImage
+from inim.pipeline.compare import compare_reports
 from inim.scores.document_parts import Checks, RunInputs
 from inim.scores.regression.comparison import compare
 from inim.scores.regression.document import BaselineDocument
@@ -231,6 +233,15 @@ def test_other_options_of_an_algorithm_are_compared_with_the_old_ones(statistics
     )
     comparison = compare(statistics, candidate)
     assert (comparison.verdict, comparison.not_compared) == ("inputs changed, scores changed", [])
+
+
+def test_a_comparison_of_two_reports_has_no_baseline(statistics, tmp_path, monkeypatch):
+    runs = {"a": statistics, "b": replace(statistics, scores={"template/left": LOW})}
+    monkeypatch.setattr("inim.pipeline.compare.read_run", lambda path: (None, runs[path.name]))
+    data = compare_reports(Path("a"), Path("b"), tmp_path / "out")
+    texts = [f"{check.name}: {check.detail}" for check in data.verdict.checks]
+    assert "template/left: SSIM to reference: 0.8000, first report 0.9000" in texts
+    assert not any("baseline" in text for text in texts)
 
 
 def test_what_has_no_counterpart_is_named(statistics):

@@ -6,7 +6,6 @@ from pathlib import Path
 import msgspec
 
 from inim.report.comparison_text import (
-    COMPARED_SCORES,
     changed_check,
     compared,
     headline_changes,
@@ -104,10 +103,8 @@ def _scores(data: ReportDocument | CompareDocument) -> str:
     heads = ["Algorithm", "Viewpoint", "Change", ""]
     all_changes = text_table(caption, heads, rows, "drift") if rows else ""
     changed = worst_first(c for c in compared(data) if c.kind == "score" and not c.passed)
-    if not changed:
-        return all_changes
-    title = lead(f"Changed scores ({COMPARED_SCORES}):")
-    return all_changes + title + bullets(map(changed_check, changed), "changes")
+    title = lead("Changed scores, not corrected for noise:")
+    return all_changes + (title + bullets(map(changed_check, changed), "changes")) * bool(changed)
 
 
 def _not_compared(comparison: Regression) -> str:

@@ -23,7 +23,6 @@ from inim.scores.regression.run_statistics import RunStatistics
 from inim.scores.regression.scores import compare_scores
 from inim.scores.regression.tiles import TileStatistics
 from inim.scores.regression.verdict import (
-    AGAINST_BASELINE,
     FALSE_ALARM_RATE,
     FAMILY_RATE,
     judge,
@@ -114,7 +113,7 @@ def compare_pictures(
 
 
 def _verdict(name: str, old: TileStatistics, new: TileStatistics | None, level: float) -> Check:
-    label = f"{name}: tiles{AGAINST_BASELINE}"
+    label = f"{name}: tiles against the baseline"
     if new is None or (new.shape, new.tile) != (old.shape, old.tile):
         state = "is missing" if new is None else f"has {new.shape[1]} x {new.shape[0]} pixels"
         detail = f"the image {state}; the baseline has {old.shape[1]} x {old.shape[0]}"
@@ -162,7 +161,7 @@ def compare_noise(
         value = 1.0 if passed else math.inf
         interval, detail = (value, value), "no tile is noisy in both runs"
     return Check(
-        name=f"ground truth: noise{AGAINST_BASELINE}",
+        name="ground truth: noise against the baseline",
         kind="noise",
         value=value,
         relation="<=",

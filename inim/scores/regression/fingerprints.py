@@ -153,11 +153,11 @@ def _verdict(name: str, old: Fingerprint, new: Fingerprint | None) -> Check:
     return Check(
         name=f"{name}: changed pixels of the reference input",
         kind="pixels",
-        value=value,
+        value=100 * value,
         relation="<=",
-        limit=limit,
-        interval=interval,
+        limit=100 * limit,
+        interval=(100 * interval[0], 100 * interval[1]),
         passed=passed,
-        unit="share",
+        unit="%",
         detail=detail,
     )

@@ -33,7 +33,7 @@ import msgspec
 import numpy as np
 
 from inim.image.noisy_image import NoisyImage
-from inim.scores.document_parts import Check, Kind
+from inim.scores.document_parts import Check, Direction, Kind
 from inim.scores.metrics import MAIN, Metric, Viewing, all_metrics, find, score_maps
 from inim.scores.regression.document import EstimateRecord
 from inim.scores.regression.noise_free import (
@@ -46,10 +46,8 @@ from inim.scores.regression.noise_free import (
     sum_blocks,
 )
 from inim.scores.regression.verdict import (
-    AGAINST_BASELINE,
     BETTER,
     FAMILY_RATE,
-    WORSE,
     sidak,
     welch_half_width,
     welch_p_value,
@@ -429,7 +427,7 @@ def _verdict(
     elif is_light:
         smallest, unit = max(_LIGHT_SHARE * abs(old.plain), _LIGHT_OF_WHITE), "% of white"
         kind = "light"
-    label += AGAINST_BASELINE
+    label = f"{label} against the baseline"
     if new is None or not (metric or is_light):
         detail = "the score is missing" if new is None else "its metric is not installed"
         return within(label, kind, math.nan, math.nan, smallest, unit=unit, detail=detail)
@@ -450,7 +448,8 @@ def _verdict(
     verdict = within(label, kind, change, half, smallest, unit=unit, p_value=p, detail=detail)
     before, after = abs(old.plain - targets[0]), abs(new.plain - targets[1])
     is_better = metric.is_better(change) if metric else after < before
-    direction = BETTER if is_better else WORSE if metric or after >= before else ""
+    is_worse = metric is not None or after >= before
+    direction: Direction = BETTER if is_better else "worse" if is_worse else ""
     return msgspec.structs.replace(verdict, direction="" if verdict.passed else direction)
 
 

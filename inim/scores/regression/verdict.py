@@ -120,8 +120,6 @@ def binomial_interval(count: int, trials: int, level: float) -> tuple[float, flo
     return low, high
 
 
-#: End of the names of comparisons with a baseline.
-AGAINST_BASELINE = " against the baseline"
 #: Relation of a change to the largest that passes in either direction.
 WITHIN: Relation = "within"
 
@@ -152,8 +150,6 @@ def within(
 #: Excuse of a score that became better, if nothing else became worse; and of any failure if the
 #: inputs changed.
 BETTER: Direction = "better"
-#: Direction of a score or light that became worse.
-WORSE: Direction = "worse"
 _INPUTS = "inputs changed"
 # Kinds of checks that decide if inputs changed.
 _DECIDING = ("score", "light")
@@ -170,7 +166,7 @@ def judge(
     failed = [check for check in checks if not check.passed]
     if not any(check.kind == "score" for check in checks):
         missing = within(
-            f"scores{AGAINST_BASELINE}",
+            "scores against the baseline",
             "score",
             math.nan,
             math.nan,
@@ -190,11 +186,9 @@ def judge(
     if not failed:
         return "passed", [*checks]
     better = [c for c in failed if c.kind == "score" and c.direction == BETTER]
-    algorithms = {_algorithm(c) for c in better}
+    improved = {_algorithm(c) for c in better}
     images = [
-        c
-        for c in failed
-        if c.kind in ("picture", "pixels", "light") and _algorithm(c) in algorithms
+        c for c in failed if c.kind in ("picture", "pixels", "light") and _algorithm(c) in improved
     ]
     if all(c in better or c in images for c in failed):
         return "improved", _excuse(checks, failed, BETTER)
