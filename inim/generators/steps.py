@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
@@ -22,6 +22,7 @@ import numpy as np
 from inim.display import Display
 from inim.display.pixels import CENTRE, SUBPIXELS, PixelOffset, SubPixel, exact_length
 from inim.generators.base import (
+    HOLE,
     MASKED,
     Generator,
     PanelRays,
@@ -154,28 +155,32 @@ class RayGenerator(SourceGenerator):
                 return out
             whole = self.with_holes
             rgbd = continued(rgbd, whole.shape)
-            search = whole._show(rgbd, out)
-            fill_holes(
-                rgbd, self.display, self.rays, lambda ray: whole._marked(search, ray), out,
-                unknown=fill == "all",
-            )  # fmt: skip
+            search, incomplete = whole._show(rgbd, out)
+            sources = {ray: partial(whole._marked, search, ray) for ray in sorted(incomplete)}
+            fill_holes(rgbd, self.display, self.rays, sources, out, unknown=fill == "all")
         if self.mask is not None:  # the source of a fill may be outside
             out[~self.mask] = 0
         return out
 
-    def _show(self, rgbd: RGBD, out: np.ndarray) -> RaySearch:
-        """Write the mean colours of the rays; returns the search for their sources."""
+    def _show(self, rgbd: RGBD, out: np.ndarray) -> tuple[RaySearch, set[int]]:
+        """Write the mean colours of the rays.
+
+        Returns the search for their sources; with `leave_holes`, the numbers of rays with holes.
+        """
         from inim.generators.raycast.colour import show_colours
 
-        search = show = self._finder(rgbd)
-        if (mask := self.mask) is not None:
+        search, mask, incomplete = self._finder(rgbd), self.mask, set[int]()
 
-            def show(ray: int, rows: slice, sources: Sources) -> None:
-                search(ray, rows, sources)
+        def show(ray: int, rows: slice, sources: Sources) -> None:
+            search(ray, rows, sources)
+            if mask is not None:
                 sources[~mask[rows]] = MASKED
+            is_open = self._leave_holes and ray not in incomplete and sources.min() < 0
+            if is_open and (sources[self.display.lensed[rows]] == HOLE).any():
+                incomplete.add(ray)
 
         show_colours(rgbd, self.display, self._algorithm.common.colour, self.rays, show, out)
-        return search
+        return search, incomplete
 
 
 _A = Fraction(1, 4)

@@ -71,22 +71,20 @@ def generate_from_scene(
     place = Path(tempfile.gettempdir())
     from inim.system.process.locked_folder import locked_folder  # POSIX only, as the renderer
 
-    with (
-        naming(path),
-        locked_folder(place, "inim-capture-") as folder,
-        ThreadPoolExecutor(1) as thread,
-    ):
+    with naming(path):
+        with locked_folder(place, "inim-capture-") as folder, ThreadPoolExecutor(1) as thread:
 
-        def make_request() -> CaptureRequest:
-            _ = generator.generator  # checks the algorithm's options
-            if generator.algorithm.own:
-                thread.submit(generator.run, _dot(design, shape, pixel_mm))
-            return CaptureRequest(file, design, settings, generator.algorithm.input)
+            def make_request() -> CaptureRequest:
+                _ = generator.generator  # checks the algorithm's options
+                if generator.algorithm.own:
+                    thread.submit(generator.run, _dot(design, shape, pixel_mm))
+                return CaptureRequest(file, design, settings, generator.algorithm.input)
 
-        job = f"{__name__}:run_job"
-        run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)
-        rgbd = read_rgbd(folder / _PICTURE)
-        notes = SceneNotes(**json.loads((folder / _NOTES).read_text("utf-8")))
+            job = f"{__name__}:run_job"
+            run_in_worker(job, make_request, nullcontext(folder), about=str(path), debug=debug)
+            rgbd = read_rgbd(folder / _PICTURE)
+            notes = SceneNotes(**json.loads((folder / _NOTES).read_text("utf-8")))
+        # The thread has ended: a generator's buffers hold one picture at a time.
         return rgbd, design, generator.run(rgbd, holes=shows_holes(design)), notes
 
 

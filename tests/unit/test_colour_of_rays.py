@@ -14,6 +14,7 @@ from inim.apps.stress.oracles.rays import chosen_pixels
 from inim.generators import HOLE, generate, prepare
 from inim.generators.steps import RayGenerator
 from inim.image.rgbd import RGBD, Layer, LayeredRGBD
+from inim.system.errors import UsageError
 from tests.generator_cases import DISPLAYS, NON_SEPARABLE, SUBPIXELS, picture, random_codes
 
 _PIXELS = 100
@@ -91,6 +92,38 @@ def test_algorithms_of_one_picture_read_no_colours_of_hidden_layers(algorithm, c
     front = RGBD(layered.color, layered.depth_mm, layered.covered, layered.pixel_mm)
     method = f"{algorithm}:colour={colour}"
     assert np.array_equal(generate(layered, display, method), generate(front, display, method))
+
+
+def stripes_of_layers(layers: int) -> LayeredRGBD:
+    """A surface, which is the last of many layers in every second column."""
+    shape, generator = (14, 14), np.random.default_rng(6)
+    solids = []
+    for layer in range(layers):
+        covered = np.zeros(shape, bool)
+        covered[:, slice(layer > 0, None, 1 + (layer > 0))] = True
+        front = np.full(shape, 20 + 0.01 * (layers - 1 - layer), np.float32)
+        front[:, ::2] = 20
+        solids.append(Layer(generator.random((*shape, 3), np.float32), front, front, covered))
+    first = solids[0]
+    return LayeredRGBD(
+        first.color, first.front_mm, first.covered, 0.3, back_mm=first.back_mm,
+        deeper=tuple(solids[1:]),
+    )  # fmt: skip
+
+
+def test_neighbours_may_be_in_layers_far_away():
+    """Expected: interpolation with the deepest of 128 layers; more are refused."""
+    device, rgbd = DISPLAYS["odd pixels"], stripes_of_layers(128)
+    method, size = "layered:samples=1:colour=linear", {"shape": rgbd.shape, "pixel_mm": 0.3}
+    generator = prepare(device, method, **size)
+    assert isinstance(generator, RayGenerator)
+    sources = generator.sources(rgbd)
+    pixels = np.argwhere((sources >= 0) & (sources < rgbd.depth_mm.size) & (sources % 2 == 0))
+    assert len(pixels) > 50
+    expected = expected_colours(generator, rgbd, pixels[:50], "linear", 1)
+    assert np.abs(generator.generate(rgbd)[tuple(pixels[:50].T)] - expected).max() < 1e-5
+    with pytest.raises(UsageError, match=r"129 layers; .* use colour=averaged"):
+        prepare(device, method, **size).generate(stripes_of_layers(129))
 
 
 def selected(rgbd: RGBD, rows: np.ndarray, columns: np.ndarray) -> RGBD:

@@ -181,6 +181,20 @@ def test_display_ready_pixels_are_the_codes_of_the_same_light(samples: int) -> N
     assert (direct[..., 3] == 255).mean() > 0.95
 
 
+def test_rays_without_holes_are_searched_once(monkeypatch) -> None:
+    """Expected: the fill reads the sources of rays with holes only."""
+    display = small_display(4, 3, 7, **DEPTHS)
+    searched, sources_of = [], RayGenerator._marked
+    monkeypatch.setattr(RayGenerator, "_marked", lambda *a: searched.append(a[2]) or sources_of(*a))
+    with_plate = wall_and_plate(display)
+    flat = RGBD(with_plate.color, np.full(with_plate.shape, 20.0), with_plate.covered, 0.25)
+    filled, plain = (generate(flat, display, SURFACE, fill=fill) for fill in ("all", "none"))
+    covered = find_sources(flat, display, SURFACE) >= 0
+    assert searched == [] and np.array_equal(filled[covered], plain[covered])
+    generate(with_plate, display, "template:samples=4:colour=smooth:fill=all")
+    assert searched == [0, 1, 2, 3]
+
+
 def test_inputs_that_cannot_be_filled_are_refused(monkeypatch) -> None:
     display = DISPLAYS["nominal"]
     size = {"shape": (8, 8), "pixel_mm": 1.0}

@@ -14,7 +14,7 @@ depend on order, and the cost grows with the number of holes.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -37,7 +37,7 @@ def fill_holes(
     rgbd: RGBD,
     display: Display,
     rays: Sequence[Ray],
-    sources_of: Callable[[int], Sources],
+    sources_of: Mapping[int, Callable[[], Sources]],
     out: np.ndarray,
     *,
     unknown: bool,
@@ -45,14 +45,17 @@ def fill_holes(
     """Fill the holes of an EIA from their own views; filled pixels have the alpha of shown ones.
 
     * `rgbd`: continued picture.
-    * `rays`, `sources_of`: rays of every pixel; sources of each, by its number, with holes where
-      they are only an assumption.
+    * `rays`, `sources_of`: rays of every pixel; by the number of each with holes, its sources, with
+      holes where they are only an assumption.
     * `unknown`: fill uncovered regions as well.
     """
+    if not sources_of:
+        return
     visible = _VisibleSurfaces.of(rgbd, unknown=unknown)
     positions, light = [], []
-    for number, ray in enumerate(rays):
-        holes, colour = _missing(ray, sources_of(number), rgbd, display, visible)
+    for number, sources in sources_of.items():
+        ray = rays[number]
+        holes, colour = _missing(ray, sources(), rgbd, display, visible)
         share = np.zeros(4, np.float32)  # of the pixel's light, and of its alpha
         alike = sum(other.channels == ray.channels for other in rays)
         share[list(ray.channels)] = 1 / alike

@@ -7,9 +7,12 @@ to the border of the source's pixel if it is outside. The colour is interpolated
 the centres of the four nearest pixels. Pixels of another surface have no weight, and the weights
 of the others are divided by their sum.
 
-Everything that depends on the picture only is tabulated once per picture: the eight neighbours of
-each pixel on its surface. The colour of a pixel is a vector of red, green, blue and 1: its last
-part adds up to the weight of the pixels that were read, and a missing neighbour is zero.
+Everything that depends on the picture only is tabulated once per picture: which of the eight
+neighbours of each pixel are on its surface, and in which layer. The colour of a pixel is a vector
+of red, green, blue and 1; that of a hole or a missing neighbour is zero.
+
+Loops over pixels contain no slices of arrays: counting the references to each slice takes longer
+than the arithmetic.
 """
 
 from __future__ import annotations
@@ -23,28 +26,31 @@ from inim.display import Display
 from inim.generators.base import Ray
 from inim.generators.raycast.cells import PictureRays
 from inim.generators.raycast.columns import STEEPEST
-from inim.generators.raycast.light import WHITE, code_table, neighbour_layer
+from inim.generators.raycast.light import code_table, encode_mean, neighbour_layer
 from inim.generators.raycast.simd import (
     LANES,
     add,
+    and_flags,
+    as_float,
     choose,
-    last4,
+    differ,
+    every4,
     less,
     load,
     load4,
     minus,
+    multiply,
     over,
     plus,
     same,
     same4,
+    shift_right,
     store,
     times,
 )
 from inim.image.rgbd import RGBD
 from inim.system.backend.kernels import compiled, share_rows
-
-# Panel pixels whose rays are interpolated at once: their positions stay in the first cache.
-_CHUNK = 4 * LANES
+from inim.system.errors import UsageError
 
 
 class Interpolation:
@@ -73,11 +79,12 @@ class Interpolation:
             alphas = _with_hole(np.stack(parts, axis=1))
 
         def write(rows: slice, sources: np.ndarray, out: np.ndarray) -> None:
-            count, arguments = len(out), (sources, *lines.of(rows, sources), *self._surfaces)
+            count, arguments = len(out), (sources, *lines.of(rows, sources), self._surfaces)
             if out.dtype != np.uint8:
                 share_rows(_write_light, count, *arguments, texels, squared, out)
                 return
-            share_rows(_write_codes, count, *arguments, texels, squared, code_table(), out)
+            codes = out.view(np.uint32)[..., 0]
+            share_rows(_write_codes, count, *arguments, texels, squared, code_table(), codes)
             if alphas is not None:
                 mean = np.empty((*out.shape[:2], 3), np.float32)
                 share_rows(_write_light, count, *arguments, alphas, False, mean)
@@ -136,32 +143,45 @@ def _parts(start: np.ndarray, slope: np.ndarray, axis: int = 0) -> np.ndarray:
     return np.stack([whole, start - whole - 0.5, slope], axis=axis).astype(np.float32)
 
 
-class _Surfaces(NamedTuple):
-    """Surfaces of a picture as tables of its sources; the first entry of each is that of a hole.
+# Byte of a neighbour that is in the layer of its source.
+_SAME_LAYER = 128
 
-    * `head`, (n x 4,) float32: depth, column and row of each source.
-    * `near`, (n x 8,) int32: first number, in a table of four to each source, of the neighbours on
-      the same surface: on the left and right, above and below, and on the four diagonals in this
-      order, rows first; 0 where there is none.
+
+class _Surfaces(NamedTuple):
+    """Surfaces of a picture as a table of its sources; the first entry is that of a hole.
+
+    * `table`, (n x 4,) uint32, of each source: the bits of its float32 depth; its row and column,
+      which is in the lowest `column_bits`; the layers of its neighbours on the same surface, on
+      the left and right, above and below; and those on the diagonals in this order, rows first.
+      The layer of a neighbour is a byte: `_SAME_LAYER` plus the difference, or 0 for no neighbour.
+    * `columns`, `pixels`: of a layer.
     """
 
-    head: np.ndarray
-    near: np.ndarray
+    table: np.ndarray
+    column_bits: int
+    columns: int
+    pixels: int
 
     @classmethod
     def of(cls, front: np.ndarray, pixel_mm: float) -> _Surfaces:
+        layers, rows, columns = front.shape
+        if layers > _SAME_LAYER:
+            raise UsageError(
+                f"the picture has {layers} layers; colours between pixels need at most "
+                f"{_SAME_LAYER}: use colour=averaged"
+            )
         # Zeros take no memory until they are written: most layers are nearly empty.
-        head = np.zeros(4 * (front.size + 1), np.float32)
-        near = np.zeros(8 * (front.size + 1), np.int32)
-        lines = front.shape[0] * front.shape[1]
-        share_rows(_survey, lines, front, np.float32(STEEPEST * pixel_mm), head, near)
-        return cls(head, near)
+        table = np.zeros(4 * (front.size + 1), np.uint32)
+        surfaces = cls(table, (columns - 1).bit_length(), columns, rows * columns)
+        steepest = np.float32(STEEPEST * pixel_mm)
+        share_rows(_survey, layers * rows, front, front.view(np.uint32), steepest, surfaces)
+        return surfaces
 
 
 @compiled
-def _survey(begin, end, front, steepest, head, near):
-    """Fill the tables of `_Surfaces`."""
-    _, rows, columns = front.shape
+def _survey(begin, end, front, depth_bits, steepest, surfaces):
+    """Fill the table of `_Surfaces`."""
+    table, (_, rows, columns) = surfaces.table, front.shape
     diagonal = steepest * np.float32(np.sqrt(2.0))
     for line in range(begin, end):
         layer, row = divmod(line, rows)
@@ -169,130 +189,144 @@ def _survey(begin, end, front, steepest, head, near):
             depth = front[layer, row, column]
             if depth == -np.inf:
                 continue
-            place = 1 + line * columns + column
-            head[4 * place], head[4 * place + 1], head[4 * place + 2] = depth, column, row
+            place = 4 * (1 + line * columns + column)
+            table[place] = depth_bits[layer, row, column]
+            table[place + 1] = row << surfaces.column_bits | column
             for k in range(8):
                 down = 0 if k < 2 else 2 * (k - 2) - 1 if k < 4 else k // 2 * 2 - 5
                 right = 2 * k - 1 if k < 2 else 0 if k < 4 else k % 2 * 2 - 1
-                r, c = row + down, column + right
                 reach = steepest if k < 4 else diagonal
-                neighbour = neighbour_layer(front, r, c, depth, reach)
+                neighbour = neighbour_layer(front, row + down, column + right, depth, reach)
                 if neighbour >= 0:
-                    near[8 * place + k] = 4 * (1 + (neighbour * rows + r) * columns + c)
+                    byte = np.uint32(_SAME_LAYER + neighbour - layer)
+                    table[place + 2 + k // 4] |= byte << np.uint32(k % 4 * 8)
 
 
 @compiled
-def _write_light(begin, end, sources, u, v, head, near, texels, squared, out):
+def _write_light(begin, end, sources, u, v, surfaces, texels, squared, out):
     """Mean light of the rays of some rows, (rows, columns, 3)."""
     share = np.float32(1) / np.float32(len(sources))
-    total, scratch = np.empty(4 * _CHUNK, np.float32), np.empty(_SCRATCH * _CHUNK, np.float32)
-    tables = head, near, texels, squared, scratch, np.empty(_CHUNK, np.uint32), total
     for i in range(begin, end):
-        for first in range(0, sources.shape[2], _CHUNK):
-            count = _sum_light(sources, i, first, u, v, *tables)
-            for j in range(count):
-                for c in range(3):
-                    out[i, first + j, c] = share * total[4 * j + c]
+        total = _sum_light(sources, i, u, v, surfaces, texels, squared)
+        for j in range(out.shape[1]):
+            for c in range(3):
+                out[i, j, c] = share * total[4 * j + c]
 
 
 @compiled
-def _write_codes(begin, end, sources, u, v, head, near, texels, squared, table, out):
-    """Mean codes of the rays of some rows, (rows, columns, 4) with alpha."""
+def _write_codes(begin, end, sources, u, v, surfaces, texels, squared, table, out):
+    """Mean codes of the rays of some rows, (rows, columns) uint32: RGBA, red in the lowest byte."""
     share = np.float32(1) / np.float32(len(sources))
-    total, scratch = np.empty(4 * _CHUNK, np.float32), np.empty(_SCRATCH * _CHUNK, np.float32)
-    tables = head, near, texels, squared, scratch, np.empty(_CHUNK, np.uint32), total
     for i in range(begin, end):
-        row = out[i].reshape(-1)
-        for first in range(0, sources.shape[2], _CHUNK):
-            count = _sum_light(sources, i, first, u, v, *tables)
-            for j in range(count):
-                here, place = np.uintp(4 * j), np.uintp(4 * (first + j))
-                for c in range(3):
-                    light = min(share * total[here + np.uintp(c)], np.float32(1))
-                    step = np.uintp(light * np.float32(WHITE) + np.float32(0.5))
-                    row[place + np.uintp(c)] = table[step]
-                alpha = share * total[here + np.uintp(3)] * np.float32(255)
-                row[place + np.uintp(3)] = np.uint8(alpha + np.float32(0.5))
-
-
-# Numbers of a pixel of a chunk: depth, column and row of its source; weights of the pixels around
-# the ray.
-_SCRATCH = 7
+        total = _sum_light(sources, i, u, v, surfaces, texels, squared)
+        encode_mean(total, share, table, out[i])
 
 
 @compiled
-def _sum_light(sources, i, first, u, v, head, near, texels, squared, scratch, side, total):
-    """Add up the light of the rays of a chunk of a panel row, from a first pixel on; its length.
-
-    `side` receives the sides of the sources that rays are on, 1 if on the right and 2 if below.
-    """
-    rays, _, columns = sources.shape
-    count, part = min(_CHUNK, columns - first), np.uintp(_CHUNK)
-    weight = scratch[3 * _CHUNK :]
-    half, zero, unit = same(np.float32(0.5)), same(np.float32(0)), same(np.float32(1))
-    no_side, right_side, lower_side = same(np.uint32(0)), same(np.uint32(1)), same(np.uint32(2))
-    least, four = same4(np.float32(1e-30)), np.uintp(4)
-    total[:] = 0
-    for ray in range(rays):
-        sources_of_ray, any_source = sources[ray, i, first:], False
-        for index in range(count):
-            j = np.uintp(index)
-            entry = np.uintp(max(sources_of_ray[j], np.int32(-1)) + np.int32(1))
-            any_source |= bool(entry > 0)
-            for number in range(3):
-                here = j + np.uintp(number * _CHUNK)
-                scratch[here] = head[entry * four + np.uintp(number)]
-        if not any_source:
-            continue
-        across, down = u[ray, min(i, u.shape[1] - 1)], v[ray, i]
-        for begin in range(0, count, LANES):
-            j, panel = np.uintp(begin), np.uintp(first + begin)
-            depth = load(scratch, j)
-            x = _from_centre(across, panel, depth, load(scratch, j + part))
-            row = panel if v.shape[3] > LANES else np.uintp(0)
-            y = _from_centre(down, row, depth, load(scratch, j + part + part))
-            right, below = less(zero, x), less(zero, y)
-            store(
-                side, j, add(choose(right, right_side, no_side), choose(below, lower_side, no_side))
-            )
-            x, y = choose(right, x, minus(zero, x)), choose(below, y, minus(zero, y))
-            x, y = choose(less(x, half), x, half), choose(less(y, half), y, half)
-            diagonal = times(x, y)
-            horizontal = minus(x, diagonal)
-            store(weight, j, minus(minus(unit, y), horizontal))
-            store(weight, j + part, horizontal)
-            store(weight, j + part + part, minus(y, diagonal))
-            store(weight, j + part + part + part, diagonal)
-        for index in range(count):
-            j = np.uintp(index)
-            place = np.uintp(max(sources_of_ray[j], np.int32(-1)) + np.int32(1)) * four
-            sides = np.uintp(side[j])
-            numbers = place + place
-            beside = np.uintp(near[numbers + (sides & np.uintp(1))])
-            under = np.uintp(near[numbers + (sides >> np.uintp(1)) + np.uintp(2)])
-            opposite = np.uintp(near[numbers + sides + four])
-            light = plus(
-                plus(
-                    times(same4(weight[j]), load4(texels, place)),
-                    times(same4(weight[j + part]), load4(texels, beside)),
-                ),
-                plus(
-                    times(same4(weight[j + part + part]), load4(texels, under)),
-                    times(same4(weight[j + part + part + part]), load4(texels, opposite)),
-                ),
-            )
-            of_surface = last4(light)
-            light = over(light, choose(less(of_surface, least), least, of_surface))
-            if squared:
-                light = times(light, light)
-            here = j * four
-            store(total, here, plus(light, load4(total, here)))
-    return count
+def _sum_light(sources, i, u, v, surfaces, texels, squared):
+    """Sums of the light of the rays of a panel row, (columns x 4,) float32, padded."""
+    line, four, table = np.uintp(i), np.uintp(4), surfaces.table
+    column_bits = same(np.uint32(surfaces.column_bits))
+    column_mask = same(np.uint32((1 << surfaces.column_bits) - 1))
+    total = np.zeros(4 * sources.shape[2] + LANES, np.float32)
+    entries = np.empty(4 * LANES, np.uint32)
+    depths = entries.view(np.float32)
+    # Of the colours of the source and its three neighbours towards the ray; the sum of the weights.
+    places, weights = np.empty((4, LANES), np.uint32), np.empty((5, LANES), np.float32)
+    for first in range(0, sources.shape[2], LANES):
+        start, count = np.uintp(first), min(LANES, sources.shape[2] - first)
+        for ray in range(len(sources)):
+            number, last = np.uintp(ray), np.int32(-1)
+            for index in range(count):
+                last = max(last, sources[number, line, start + np.uintp(index)])
+            if last < 0:
+                continue
+            for index in range(count):
+                j = np.uintp(index)
+                source = max(sources[number, line, start + j], np.int32(-1))
+                place = four * np.uintp(source + np.int32(1))
+                places[0, j] = place
+                store(entries, four * j, load4(table, place))
+            depth, cell = every4(depths, np.uintp(0)), every4(entries, np.uintp(1))
+            across = np.uintp((ray * u.shape[1] + min(i, u.shape[1] - 1)) * 3 * u.shape[3])
+            x = _from_centre(u, across + start, depth, as_float(and_flags(cell, column_mask)))
+            down = np.uintp((ray * v.shape[1] + i) * 3 * v.shape[3])
+            down += start if v.shape[3] > LANES else np.uintp(0)
+            y = _from_centre(v, down, depth, as_float(shift_right(cell, column_bits)))
+            sides, diagonals = every4(entries, np.uintp(2)), every4(entries, np.uintp(3))
+            _weigh(x, y, sides, diagonals, surfaces, places, weights)
+            for index in range(count):
+                j = np.uintp(index)
+                light = plus(
+                    plus(
+                        times(same4(weights[0, j]), load4(texels, np.uintp(places[0, j]))),
+                        times(same4(weights[1, j]), load4(texels, np.uintp(places[1, j]))),
+                    ),
+                    plus(
+                        times(same4(weights[2, j]), load4(texels, np.uintp(places[2, j]))),
+                        times(same4(weights[3, j]), load4(texels, np.uintp(places[3, j]))),
+                    ),
+                )
+                light = over(light, same4(weights[4, j]))
+                if squared:
+                    light = times(light, light)
+                here = four * (start + j)
+                store(total, here, plus(light, load4(total, here)))
+    return total
 
 
 @compiled
-def _from_centre(line, panel, depth, cell):
+def _from_centre(lines, place, depth, cell):
     """Distance of rays, at some depths, from the centres of some columns or rows of cells."""
-    flat, width = line.reshape(-1), np.uintp(line.shape[1])
-    start = plus(minus(load(flat, panel), cell), load(flat, panel + width))
-    return plus(start, times(load(flat, panel + width + width), depth))
+    width = np.uintp(lines.shape[3])
+    start = plus(minus(load(lines, place), cell), load(lines, place + width))
+    return plus(start, times(load(lines, place + width + width), depth))
+
+
+@compiled
+def _weigh(x, y, sides, diagonals, surfaces, places, weights):
+    """Write the places of neighbours, after those of the sources, and the weights of both.
+
+    * `x`, `y`: of the rays, from the centres of their sources.
+    * `sides`, `diagonals`: words of the table with the layers of neighbours.
+    """
+    half, zero, unit = same(np.float32(0.5)), same(np.float32(0)), same(np.float32(1))
+    right, below = less(zero, x), less(zero, y)
+    x, y = choose(right, x, minus(zero, x)), choose(below, y, minus(zero, y))
+    x, y = choose(less(x, half), x, half), choose(less(y, half), y, half)
+    corner = times(x, y)
+    beside, under = minus(x, corner), minus(y, corner)
+    own = minus(minus(unit, y), beside)
+    row, layer = 4 * surfaces.columns, 4 * surfaces.pixels
+    place = add(load(places, np.uintp(0)), same(np.uint32(-_SAME_LAYER * layer)))
+    aside, down = add(place, _number(right, 4, -4)), _number(below, row, -row)
+    by_side, by_row, lower = _number(right, 8, 0), _number(below, 16, 0), _number(below, 24, 16)
+    out = places, weights, layer
+    beside = _keep(1, beside, shift_right(sides, by_side), aside, *out)
+    under = _keep(2, under, shift_right(sides, lower), add(place, down), *out)
+    diagonals = shift_right(diagonals, add(by_side, by_row))
+    corner = _keep(3, corner, diagonals, add(aside, down), *out)
+    store(weights, np.uintp(0), own)
+    store(weights, np.uintp(4 * LANES), plus(plus(own, beside), plus(under, corner)))
+
+
+@compiled
+def _number(flags, yes, no):
+    """One of two whole numbers, by flags."""
+    return choose(flags, same(np.uint32(yes)), same(np.uint32(no)))
+
+
+@compiled
+def _keep(number, weight, layers, place, places, weights, layer_size):
+    """Write a row of places and weights of neighbours; returns the weights, 0 where there is none.
+
+    * `layers`: in the lowest byte.
+    * `place`: in the layer of byte 0.
+    """
+    layer, none, at = and_flags(layers, same(np.uint32(255))), same(np.uint32(0)), number * LANES
+    place = add(place, multiply(layer, same(np.uint32(layer_size))))
+    is_present = differ(layer, none)
+    weight = choose(is_present, weight, same(np.float32(0)))
+    store(places, np.uintp(at), choose(is_present, place, none))
+    store(weights, np.uintp(at), weight)
+    return weight

@@ -30,6 +30,7 @@ _INDEX = ir.IntType(64)
 _ELEMENTS = {
     "float32": ir.FloatType(),
     "uint32": ir.IntType(32),
+    "uint16": ir.IntType(16),
     "flag": ir.IntType(1),
 }
 
@@ -108,7 +109,8 @@ def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
     def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         data = _data(context, builder, signature.args[0], arguments[0])
         place = builder.gep(data, [arguments[1]])
-        builder.store(arguments[2], builder.bitcast(place, lanes.vector.as_pointer()), align=4)
+        align = lanes.vector.element.width // 8 if hasattr(lanes.vector.element, "width") else 4
+        builder.store(arguments[2], builder.bitcast(place, lanes.vector.as_pointer()), align=align)
         return context.get_dummy_value()
 
     return types.void(array, types.uintp, lanes), build
@@ -148,12 +150,16 @@ def _operation(build: Callable[..., Any], *, compare: bool = False) -> Any:
 #: Flags of lanes with a >= b, and with a < b; false for NaN.
 at_least = _operation(lambda builder, a, b: builder.fcmp_ordered(">=", a, b), compare=True)
 less = _operation(lambda builder, a, b: builder.fcmp_ordered("<", a, b), compare=True)
-#: Flags set in both arguments, in either one, and in the first only.
+#: Flags of lanes with other whole numbers.
+differ = _operation(lambda builder, a, b: builder.icmp_unsigned("!=", a, b), compare=True)
+#: Flags, or bits, set in both arguments, in either one, and in the first only.
 and_flags = _operation(lambda builder, a, b: builder.and_(a, b))
 either = _operation(lambda builder, a, b: builder.or_(a, b))
 but_not = _operation(lambda builder, a, b: builder.and_(a, builder.not_(b)))
-#: Sums of whole numbers.
+#: Sums and products of whole numbers, and their bits moved to lower places.
 add = _operation(lambda builder, a, b: builder.add(a, b))
+multiply = _operation(lambda builder, a, b: builder.mul(a, b))
+shift_right = _operation(lambda builder, a, b: builder.lshr(a, b))
 #: Float32 arithmetic.
 plus = _operation(lambda builder, a, b: builder.fadd(a, b))
 minus = _operation(lambda builder, a, b: builder.fsub(a, b))
@@ -179,9 +185,42 @@ def choose(typing, flags, a, b):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
+def as_float(typing, a):  # type: ignore[no-untyped-def]
+    """Whole numbers below 2^31 as float32."""
+    floats = Lanes("float32", a.count)
+    return floats(a), _simple(lambda builder, a: builder.sitofp(a, floats.vector))
+
+
+@intrinsic
 def last4(typing, a):  # type: ignore[no-untyped-def]
     """The last of four lanes, in each of them."""
     return a(a), _simple(lambda builder, a: _shuffle(builder, a, a, [3] * 4))
+
+
+@intrinsic
+def as_uint16(typing, a):  # type: ignore[no-untyped-def]
+    """Float32 from 0 to 2^16 - 1 as whole numbers, rounded down."""
+    words, parts = Lanes("uint32", a.count), Lanes("uint16", a.count)
+
+    def build(builder, a):  # type: ignore[no-untyped-def]
+        return builder.trunc(builder.fptosi(a, words.vector), parts.vector)
+
+    return parts(a), _simple(build)
+
+
+@intrinsic
+def every4(typing, array, index):  # type: ignore[no-untyped-def]
+    """Load every fourth element of a flat array from an index on; bounds are those of 4 LANES."""
+    lanes = Lanes(str(array.dtype), LANES)
+
+    def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
+        data = _data(context, builder, signature.args[0], arguments[0])
+        place = builder.gep(data, [arguments[1]])
+        whole = ir.VectorType(lanes.vector.element, 4 * LANES - 3)
+        vector = builder.load(builder.bitcast(place, whole.as_pointer()), align=4)
+        return _shuffle(builder, vector, vector, [4 * n for n in range(LANES)])
+
+    return lanes(array, types.uintp), build
 
 
 @intrinsic
