@@ -299,13 +299,13 @@ def _weigh(x, y, sides, diagonals, surfaces, places, weights):
     own = minus(minus(unit, y), beside)
     row, layer = 4 * surfaces.columns, 4 * surfaces.pixels
     place = add(load(places, np.uintp(0)), same(np.uint32(-_SAME_LAYER * layer)))
-    aside, down = add(place, _number(right, 4, -4)), _number(below, row, -row)
+    in_row, down = add(place, _number(right, 4, -4)), _number(below, row, -row)
     by_side, by_row, lower = _number(right, 8, 0), _number(below, 16, 0), _number(below, 24, 16)
     out = places, weights, layer
-    beside = _keep(1, beside, shift_right(sides, by_side), aside, *out)
+    beside = _keep(1, beside, shift_right(sides, by_side), in_row, *out)
     under = _keep(2, under, shift_right(sides, lower), add(place, down), *out)
     diagonals = shift_right(diagonals, add(by_side, by_row))
-    corner = _keep(3, corner, diagonals, add(aside, down), *out)
+    corner = _keep(3, corner, diagonals, add(in_row, down), *out)
     store(weights, np.uintp(0), own)
     store(weights, np.uintp(4 * LANES), plus(plus(own, beside), plus(under, corner)))
 
@@ -323,10 +323,10 @@ def _keep(number, weight, layers, place, places, weights, layer_size):
     * `layers`: in the lowest byte.
     * `place`: in the layer of byte 0.
     """
-    layer, none, at = and_flags(layers, same(np.uint32(255))), same(np.uint32(0)), number * LANES
+    layer, zero, at = and_flags(layers, same(np.uint32(255))), same(np.uint32(0)), number * LANES
     place = add(place, multiply(layer, same(np.uint32(layer_size))))
-    is_present = differ(layer, none)
+    is_present = differ(layer, zero)
     weight = choose(is_present, weight, same(np.float32(0)))
-    store(places, np.uintp(at), choose(is_present, place, none))
+    store(places, np.uintp(at), choose(is_present, place, zero))
     store(weights, np.uintp(at), weight)
     return weight
