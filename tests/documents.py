@@ -170,16 +170,19 @@ class Reader:
         self._python: _Child | None = None
 
     def _use_few_samples(self) -> None:
-        """Let the copy's first round of samples be its last one."""
-        path = self.project / "inim" / "pipeline" / "adaptive_sampling.py"
-        first_is_last, count = re.subn(
-            r"^LEAST, MOST = (.+), .+$",
-            r"LEAST, MOST = \1, \1",
-            path.read_text("utf-8"),
-            flags=re.M,
-        )
-        assert count == 1, f"{path}: the limits of samples have another form"
-        path.write_text(first_is_last, "utf-8")
+        """Let the copy's first round of samples be its last one, of a quarter of the samples."""
+        changes = {
+            "pipeline/adaptive_sampling.py": (r"^MOST = .+$", "MOST = 1"),
+            "display/layouts/layout.py": (
+                r'"capture_spp": 64, "eia_spp": 32, "view_spp": 64',
+                '"capture_spp": 16, "eia_spp": 8, "view_spp": 16',
+            ),
+        }
+        for name, (pattern, replacement) in changes.items():
+            path = self.project / "inim" / name
+            text, count = re.subn(pattern, replacement, path.read_text("utf-8"), flags=re.M)
+            assert count == 1, f"{path}: the number of samples has another form"
+            path.write_text(text, "utf-8")
 
     def follow(self, block: Block) -> str:
         """Write or run a block; return its output, or raise AssertionError if it fails."""

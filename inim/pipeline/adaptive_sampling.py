@@ -12,7 +12,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from statistics import fmean
 
-from inim.image.noisy_image import REPLICATES, NoisyImage, split_samples
+from inim.image.noisy_image import NoisyImage, split_samples
 from inim.image.rgbd import LayeredRGBD
 from inim.pipeline.plan import Plan
 from inim.pipeline.stages.doubts import LEAST_NOISE_FLOOR
@@ -23,24 +23,26 @@ from inim.pipeline.stages.scoring import headline_uncertainty, run_in_threads
 from inim.pipeline.stages.stage import Run
 from inim.scores.metrics import HEADLINE_WORDS, MAIN, score_maps
 
-#: Samples of the first round and of all rounds, in units of `Layout.usual_samples`.
-LEAST, MOST = 1 / 4, 4
+#: Samples of all rounds, at most, in units of `Layout.usual_samples`, which the first round has.
+#: Intervals of fewer samples cannot be trusted where bright reflections are rare
+#: (reports/coverage), and a round costs more than it saves.
+MOST = 4
 
 
 @dataclass(frozen=True)
 class Sampling:
     """Samples of a run's rounds.
 
-    `usual` are the samples per pixel by setting. The scores decide those `by_need`, between `LEAST`
-    and `MOST` times as many; the others are taken as they are. `share` is that of all rounds so
-    far, and `rounds` are the samples of each, by setting. If `is_fixed`, a baseline has decided
-    those by need: `usual` are its samples, and what exceeds the layout's is a second round, as in
-    the baseline's own run.
+    `usual` are the samples per pixel by setting. The scores decide those `by_need`, up to `MOST`
+    times as many; the others are taken as they are. `share` is that of all rounds so far, in units
+    of the usual ones, and `rounds` are the samples of each, by setting. If `is_fixed`, a baseline
+    has decided those by need: `usual` are its samples, and what exceeds the layout's is a second
+    round, as in the baseline's own run.
     """
 
     usual: Mapping[str, int]
     by_need: Collection[str]
-    share: float
+    share: int
     rounds: Mapping[str, Rounds]
     is_fixed: bool = False
 
@@ -55,8 +57,8 @@ class Sampling:
             usual = plan.display.layout.usual_samples
             exceeding = tuple(name for name in by_need if plan.samples[name] > usual[name])
             rounds = {n: (usual[n] if n in exceeding else c,) for n, c in plan.samples.items()}
-            return cls(plan.samples, exceeding, 1.0, rounds, is_fixed=True)
-        sampling = cls(plan.samples, by_need, LEAST if by_need else 1.0, {})
+            return cls(plan.samples, exceeding, 1, rounds, is_fixed=True)
+        sampling = cls(plan.samples, by_need, 1, {})
         return replace(sampling, rounds={name: (n,) for name, n in sampling.totals.items()})
 
     @property
@@ -64,8 +66,7 @@ class Sampling:
         """Samples per pixel of all rounds, by setting; whole numbers per replicate if by need."""
         totals = dict(self.usual)
         for name in self.by_need:
-            samples = max(REPLICATES, math.ceil(self.share * totals[name]))
-            totals[name] = math.prod(split_samples(samples))
+            totals[name] = math.prod(split_samples(self.share * totals[name]))
         return totals
 
     @property
@@ -77,14 +78,13 @@ class Sampling:
         """The sampling with another round, if intervals are `excess` times too wide.
 
         An interval shrinks at most as fast as the number of samples grows: noise of both images
-        enters a score near 1 by its variance. Rounds beyond the usual samples are separate, because
-        only the observed pixels of the EIA need them.
+        enters a score near 1 by its variance.
         """
         if self.is_fixed:
             further = replace(self, by_need=(), share=MOST)
         else:
-            factor = 2.0 ** max(1, math.floor(math.log2(excess))) if math.isfinite(excess) else 2.0
-            further = replace(self, share=min(factor * self.share, 1 if self.share < 1 else MOST))
+            factor = 2 ** max(1, math.floor(math.log2(excess))) if math.isfinite(excess) else 2
+            further = replace(self, share=min(factor * self.share, MOST))
         rounds = {
             name: (*self.rounds[name], more) if (more := total - sum(self.rounds[name])) else
             self.rounds[name]
