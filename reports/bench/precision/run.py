@@ -1,0 +1,122 @@
+"""Time of a whole validation until its headline scores are precise, for this code and another.
+
+    python -m reports.bench.precision.run SCENE.xml ... --other CHECKOUT -o reports/bench/precision
+
+Each run is a process of its own, with an empty result cache and compiled kernels, timed from start
+to end. The runs of a scene alternate between both codes. A run is precise if the half width of the
+95 % interval of SSIM on the relic, to the reference, is at most 0.01: in the mean over the
+viewpoints, for the less precise algorithm. That is what `inim.score_error` asks for.
+"""
+
+from __future__ import annotations
+
+import argparse
+import json
+import os
+import sys
+import tempfile
+from collections.abc import Mapping
+from pathlib import Path
+from statistics import fmean, geometric_mean, median
+from typing import Any
+
+from inim.report.labels import MISSING, number
+from inim.report.study import PagePart
+from inim.scores.metrics import HEADLINE
+from inim.system.cache import FOLDER_VARIABLE
+from reports.bench.study import doubts, run_validation
+from reports.study import ROOT, Results, Study, add_scenes, table
+
+ALGORITHMS = "template,wang2024"
+ERROR = 0.01
+
+
+def validation(scene: Path, code: Path) -> dict[str, float]:
+    """Seconds of a validation by the code of a checkout, and its headline's half width."""
+    with tempfile.TemporaryDirectory() as out:
+        words = ["inim.validate", str(scene.resolve()), "--quiet", "--algorithms", ALGORITHMS]
+        variables = {**os.environ, FOLDER_VARIABLE: "off", "PYTHONPATH": str(code.resolve())}
+        seconds = run_validation([*words, "-o", out], variables, f"{scene.name}, {code}")["seconds"]
+        report = json.loads(Path(out, "report.json").read_text("utf-8"))
+    return {"seconds": seconds, "half_width": half_width(report)}
+
+
+def half_width(report: Mapping[str, Any]) -> float:
+    """Half width of the headline's interval, of the less precise algorithm of a report."""
+    widths = []
+    for algorithm in report["algorithms"].values():
+        intervals = [view[HEADLINE]["interval"] for view in algorithm["precision"].values()]
+        widths.append(fmean((high - low) / 2 for low, high in intervals))
+    return max(widths)
+
+
+def measure(scene: Path, other: Path, runs: int) -> dict[str, list[dict[str, float]]]:
+    """Runs of both codes in alternation, after an uncounted one each that compiles kernels."""
+    codes = {"this": ROOT, "other": other}
+    results: dict[str, list[dict[str, float]]] = {name: [] for name in codes}
+    for number_of_run in range(1 + runs):
+        for name, code in codes.items():
+            run = validation(scene, code)
+            if number_of_run:
+                results[name].append(run)
+    return results
+
+
+def page(results: Results) -> tuple[list[str], list[PagePart]]:
+    """Times of all scenes, the slowest first."""
+    rows = sorted(map(_row, results, results.values()), key=lambda row: -row["this"])
+    columns = {
+        "scene": lambda r: r["scene"],
+        "seconds": lambda r: number(r["this"], 1),
+        "before": lambda r: number(r["other"], 1),
+        "ratio": lambda r: number(r["this"] / r["other"], 2),
+        "half width": lambda r: f"{r['half_width']:.4f}",
+        "half width before": lambda r: f"{r['half_width_before']:.4f}",
+        "precise": lambda r: "yes" if r["half_width"] <= ERROR else "no",
+    }
+    ratio = geometric_mean(row["this"] / row["other"] for row in rows) if rows else None
+    remark = (
+        f"A cold validation of {ALGORITHMS.replace(',', ' and ')} takes "
+        f"{MISSING if ratio is None else number(ratio, 2)} times as long as before, in the "
+        f"geometric mean over {len(rows)} scenes."
+    )
+    lead = "Medians of alternating runs with an empty result cache."
+    tables = [table(f"Time to a headline interval of ±{ERROR}", rows, columns)]
+    return [remark], [PagePart("precision", "Time to a precise score", lead, tables)]
+
+
+def _row(scene: str, runs: Mapping[str, Any]) -> dict[str, Any]:
+    def middle(code: str, key: str) -> float:
+        return float(median(run[key] for run in runs[code]))
+
+    return {
+        "scene": scene,
+        "this": middle("this", "seconds"),
+        "other": middle("other", "seconds"),
+        "half_width": middle("this", "half_width"),
+        "half_width_before": middle("other", "half_width"),
+    }
+
+
+def arguments(parser: argparse.ArgumentParser) -> None:
+    """Add the scenes, the other code and the number of runs."""
+    add_scenes(parser)
+    parser.add_argument("--other", type=Path, required=True, help="checkout of the code before")
+    parser.add_argument("--runs", type=int, default=1, help="counted runs of each code (1)")
+
+
+def cases(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
+    """One case for each scene."""
+    return {
+        scene.stem: {"scene": scene, "other": args.other, "runs": args.runs}
+        for scene in args.scenes
+    }
+
+
+STUDY = Study(
+    "reports.bench.precision.run", "Bench: time to a precise score", __doc__, arguments, cases,
+    measure, page, stem="bench", doubts=doubts,
+)  # fmt: skip
+
+if __name__ == "__main__":
+    sys.exit(STUDY.main())
