@@ -4,7 +4,8 @@ Kernels process `LANES` lenses at once: their depths, colours and decisions are 
 (`Lanes`), which the compiler keeps in vector registers, for any register width. Loops over arrays
 would pass through memory after every step, and only some of them would be vectorised.
 
-Bounds are not checked: a load or store reaches `LANES` elements from its index.
+Bounds are not checked: a load or store reaches `LANES` elements from its index, `every4` four times
+as many. Parts of 16 bits are stored at even indices.
 
 Stored kernels are compiled again if this file changes, see `inim.system.backend.kernels`.
 """
@@ -36,7 +37,7 @@ _ELEMENTS = {
 
 
 class Lanes(types.Type):  # type: ignore[misc]
-    """One number (float32, uint32) or flag for each lane."""
+    """One number (float32, uint32, uint16) or flag for each lane."""
 
     def __init__(self, element: str, count: int) -> None:
         self.element, self.count = element, count
@@ -109,8 +110,7 @@ def store(typing, array, index, lanes):  # type: ignore[no-untyped-def]
     def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
         data = _data(context, builder, signature.args[0], arguments[0])
         place = builder.gep(data, [arguments[1]])
-        align = lanes.vector.element.width // 8 if hasattr(lanes.vector.element, "width") else 4
-        builder.store(arguments[2], builder.bitcast(place, lanes.vector.as_pointer()), align=align)
+        builder.store(arguments[2], builder.bitcast(place, lanes.vector.as_pointer()), align=4)
         return context.get_dummy_value()
 
     return types.void(array, types.uintp, lanes), build
@@ -192,12 +192,6 @@ def as_float(typing, a):  # type: ignore[no-untyped-def]
 
 
 @intrinsic
-def last4(typing, a):  # type: ignore[no-untyped-def]
-    """The last of four lanes, in each of them."""
-    return a(a), _simple(lambda builder, a: _shuffle(builder, a, a, [3] * 4))
-
-
-@intrinsic
 def as_uint16(typing, a):  # type: ignore[no-untyped-def]
     """Float32 from 0 to 2^16 - 1 as whole numbers, rounded down."""
     words, parts = Lanes("uint32", a.count), Lanes("uint16", a.count)
@@ -210,7 +204,7 @@ def as_uint16(typing, a):  # type: ignore[no-untyped-def]
 
 @intrinsic
 def every4(typing, array, index):  # type: ignore[no-untyped-def]
-    """Load every fourth element of a flat array from an index on; bounds are those of 4 LANES."""
+    """Load every fourth element of a flat array from an index on, `LANES` of them."""
     lanes = Lanes(str(array.dtype), LANES)
 
     def build(context, builder, signature, arguments):  # type: ignore[no-untyped-def]
