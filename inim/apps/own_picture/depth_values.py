@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from inim.apps.own_picture.options import FillRule
 from inim.apps.own_picture.picture_files import DepthFile
 from inim.system.errors import FileError, UsageError
 
@@ -193,36 +192,3 @@ def _check_distances(
         f"mm, by a --depth-unit of {convention.unit_mm:g} mm; give {', '.join(remedies)}, or "
         "confirm them with --near and --far in mm"
     )
-
-
-def fill_missing_depth(
-    depth: NDArray[np.float32], rule: FillRule, *, near_is_large: bool = False
-) -> NDArray[np.float32]:
-    """Fill the missing pixels (NaN) of a depth picture, (H, W) float32, by a rule.
-
-    Pixels stay NaN where the rule has no depth to use. Without missing pixels, returns the input.
-    """
-    empty = np.isnan(depth)
-    if rule == "none" or not empty.any() or empty.all():
-        return depth
-    if rule == "nearest":
-        from scipy.ndimage import distance_transform_edt
-
-        rows, columns = distance_transform_edt(empty, return_distances=False, return_indices=True)
-        nearest: NDArray[np.float32] = depth[rows, columns]
-        return nearest
-    farther = np.fmin if near_is_large else np.fmax
-    if rule == "far":
-        farthest = np.float32(farther.reduce(depth[~empty]))
-        return np.where(empty, farthest, depth)
-    filled = depth.copy()
-    for row in filled:  # row by row: avoids temporary arrays of the picture's size
-        valid = np.flatnonzero(~np.isnan(row))
-        gaps = np.flatnonzero(np.isnan(row))
-        if valid.size and gaps.size:
-            next_valid = np.searchsorted(valid, gaps)
-            left = np.where(next_valid > 0, row[valid[next_valid - 1]], np.float32(np.nan))
-            right = row[valid[np.minimum(next_valid, valid.size - 1)]]
-            right = np.where(next_valid < valid.size, right, np.float32(np.nan))
-            row[gaps] = farther(left, right)
-    return filled

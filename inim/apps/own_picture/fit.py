@@ -248,6 +248,7 @@ def fit_picture(
     max_slope: float = 10.0,
     coarseness: float = 1.0,
     drop: bool = False,
+    as_shown: bool = False,
 ) -> PictureFit:
     """Fit a colour and depth picture to a display.
 
@@ -262,6 +263,8 @@ def fit_picture(
       is 84 degrees. Measured in the scene, or on the display for orthographic pictures.
     * `coarseness`: width of a depth sample in colour pixels, at least 1.
     * `drop`: omit samples out of range instead of clipping them.
+    * `as_shown`: give 8-bit sRGB with alpha, as a player sends it to the panel, instead of linear
+      RGB.
 
     Raises `UsageError`: the depths cannot be unprojected, or no part of the picture is on the
     display.
@@ -300,7 +303,7 @@ def fit_picture(
         tolerance_share=share,
         drop=drop,
     )
-    image = draw_tiles(q, color, frame, shape, max_slope * cell)
+    image = draw_tiles(q, color, frame, shape, max_slope * cell, as_shown=as_shown)
     if not image.covered.any():
         raise UsageError(
             "no part of the picture is on the display: check --intrinsics, --frame-at, --near "

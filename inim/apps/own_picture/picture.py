@@ -15,7 +15,6 @@ from numpy.typing import NDArray
 from inim.apps.own_picture.depth_values import (
     DepthConvention,
     DepthValues,
-    fill_missing_depth,
     interpret_depth,
     parse_unit,
 )
@@ -30,6 +29,7 @@ from inim.apps.own_picture.fit import (
     parse_intrinsics,
 )
 from inim.apps.own_picture.framing import Framing, choose_framing
+from inim.apps.own_picture.missing_depth import fill_missing_depth
 from inim.apps.own_picture.options import PictureOptions
 from inim.apps.own_picture.picture_files import (
     SIDES,
