@@ -178,8 +178,8 @@ def _check_picture(rgbd: RGBD, display: Display) -> None:
             f"rgbd: is a {type(rgbd).__name__}; give an inim.RGBD, such as "
             "RGBD(color, depth_mm, covered, pixel_mm)"
         )
-    bad = np.count_nonzero(~np.isfinite(rgbd.palette).all(axis=-1))
-    if bad:
+    is_float = rgbd.color.dtype != np.uint8
+    if is_float and (bad := np.count_nonzero(~np.isfinite(rgbd.palette).all(axis=-1))):
         raise UsageError(
             f"rgbd: {bad} pixels have colours that are not finite; mend them, such as with "
             "numpy.nan_to_num"

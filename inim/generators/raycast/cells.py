@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass
 from fractions import Fraction
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -50,6 +50,7 @@ class CellRays(NamedTuple):
         return math.ceil(float(np.abs(self.slope).max()) / self.scale * (z_max - z_min)) + 3
 
 
+@lru_cache(maxsize=32)
 def cell_rays(
     shape: tuple[int, int], pixel_mm: float, display: Display, pixel_offset: PixelOffset = CENTRE
 ) -> tuple[CellRays, CellRays]:

@@ -267,7 +267,7 @@ def choose_display(
 
 def display_of(display: Display | str | Path) -> Display:
     """A display from a value, the name of a preset, or a display file; see `choose_display`."""
-    return choose_display(display)[0]
+    return display if isinstance(display, Display) else choose_display(display)[0]
 
 
 def _display_path(display: Display | str | PathLike[str] | None) -> Path | None:
