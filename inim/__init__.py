@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
     from inim.apps.export.export import export as export
     from inim.apps.inspect.findings import inspect as inspect
+    from inim.apps.own_picture.stream import CameraFit as CameraFit
     from inim.apps.pickup.elemental_images import pickup as pickup
     from inim.apps.sweep.run import sweep as sweep
     from inim.display import DISPLAYS as DISPLAYS

@@ -35,6 +35,7 @@ APPS: dict[str, dict[str, dict[str, str]]] = {
     },
     "own_picture": {
         "commands": {"generate": OWN},
+        "functions": {"CameraFit": ".stream"},
         "documents": {"cameras": "CamerasDocument"},
     },
     "pickup": {"commands": {"pickup": OWN}, "functions": {"pickup": ".elemental_images"}},

@@ -346,7 +346,7 @@ def _check_distances(values: DepthValues, source: str) -> None:
             f"{source}: unprojection needs distances that grow away from the camera, and this "
             "depth grows towards it; use --orthographic, or --far-is-large if that is wrong"
         )
-    least = float(np.nanmin(values.depth))
+    least = float(np.fmin.reduce(values.depth, axis=None))  # NaN if all are missing
     if least <= 0:
         raise UsageError(
             f"{source}: unprojection needs distances above 0, and there is a depth of "
