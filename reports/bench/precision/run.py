@@ -37,6 +37,7 @@ def validation(scene: Path, code: Path, *further: str) -> dict[str, float]:
         words = ["inim.validate", str(scene.resolve()), "--quiet", "--algorithms", ALGORITHMS]
         words += ["-D", f"inim.score_error={ERROR}", *further]
         variables = {**os.environ, FOLDER_VARIABLE: "off", "PYTHONPATH": str(code.resolve())}
+        variables["PYTHONSAFEPATH"] = "1"  # not the code of the working folder
         seconds = run_validation([*words, "-o", out], variables, f"{scene.name}, {code}")["seconds"]
         report = json.loads(Path(out, "report.json").read_text("utf-8"))
     return {"seconds": seconds, "half_width": half_width(report)}
