@@ -330,6 +330,42 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
     assert tab.complaints == []
 
 
+# Records in each frame whether the pre-rendered views show, and the sizes of the visible canvases:
+# pixels, and CSS pixels.
+_RECORD = """
+window.shown = [];
+(function look() {
+  const visible = (e) => e.checkVisibility({visibilityProperty: true}) && e.clientWidth > 0;
+  if (document.readyState !== "loading") shown.push({
+    views: visible(document.querySelector(".stand-in")),
+    canvases: [...document.querySelectorAll("#virtual-display-live canvas")].filter(visible)
+      .map((c) => [c.width, c.height, c.clientWidth, c.clientHeight])});
+  requestAnimationFrame(look);
+})();"""
+
+
+@pytest.mark.slow
+def test_first_visible_frame_is_sharp_and_moving_ones_show_every_lens(tab, page):
+    moving = [{"name": "prefers-reduced-motion", "value": "no-preference"}]
+    tab.send("Emulation.setEmulatedMedia", media="", features=moving)
+    script = tab.send("Page.addScriptToEvaluateOnNewDocument", source=_RECORD)
+    tab.size(1400, 900)
+    tab.open(page)
+    assert tab.evaluate("inimDisplay.ready") is True
+    tab.middle("#virtual-display canvas")
+    tab.until("inimDisplay.state().frames > 20")
+    shown = tab.evaluate("shown")
+    tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
+    assert tab.evaluate("inimDisplay.state().isSwaying") is True
+    assert [frame["views"] for frame in shown] == [not frame["canvases"] for frame in shown]
+    sizes = [size for frame in shown for size in frame["canvases"]]
+    assert len(sizes) > 20
+    assert sizes[0][:2] == sizes[0][2:]
+    least = DISPLAY.lens_columns, DISPLAY.lens_rows
+    assert all(wide >= least[0] and high >= least[1] for wide, high, *_ in sizes)
+    assert tab.complaints == []
+
+
 def assert_flip_limits(tab: Tab, display: Display) -> None:
     for z in (60.0, 150.0, 400.0):
         assert tab.evaluate(f"inimDisplay.flipLimit({z})") == pytest.approx(

@@ -52,7 +52,9 @@ _STILL_PX = 420
 # Qualities, None without loss, tried in turn until the two panels that matter most fit. An EIA
 # cannot be scaled down: its pixels are directions.
 _QUALITIES = (None, 95, 85)
-_NEEDED = "The live display needs scripts and WebGL 2. These pre-rendered views replace it."
+_NEEDED = (
+    "The live display needs scripts and WebGL 2. Until it starts, pre-rendered views replace it."
+)
 _HELP = (
     "Drag across an image to move the eye. Click an image, or select it with the Tab key, for more "
     "controls: scroll or pinch to change the distance, press the arrow keys to move (with Shift in "

@@ -27,11 +27,11 @@
   const REST_GRIDS = [2, 4, 8];  // refined in turn; 64 samples a pixel where the card is up to it
   const FULL_GRID = 8;
   const MOVING_GRIDS = [4, 3, 2, 1];
-  const COARSE = [1, 0.5, 0.25];  // canvas pixels per screen pixel, where one sample is too many
-  const MOVING_MS = 12;           // leaves room in a frame of 1/60 s
-  const REST_MS = 1000;           // a frame may take while nothing moves
+  const MOVING_PER_LENS = 4;    // canvas pixels along a lens, where that is too slow
+  const MOVING_MS = 12;         // leaves room in a frame of 1/60 s
+  const REST_MS = 1000;         // a frame may take while nothing moves
   const LARGEST_SIDE_PX = 1400;
-  const SWAY_S = 10;              // there and back
+  const SWAY_S = 10;            // there and back
 
   /* ---- the eye, and where it may go -------------------------------------------------------- */
 
@@ -175,11 +175,13 @@
       this.panel = index;
     }
 
-    /* Give the canvas as many pixels as it has on the screen, or a share of them. */
-    fit(share) {
+    /* Give the canvas as many pixels as it has on the screen, or `perLens` along each lens. */
+    fit(perLens = Infinity) {
       const box = this.canvas.getBoundingClientRect();
       const ratio = Math.min(window.devicePixelRatio || 1, 2);
-      const scale = share * Math.min(ratio, LARGEST_SIDE_PX / Math.max(box.width, box.height, 1));
+      const [columns, rows] = optics.lenses;
+      const scale = Math.min(ratio, LARGEST_SIDE_PX / Math.max(box.width, box.height, 1),
+        perLens * Math.max(columns / box.width, rows / box.height));
       this.resize(Math.round(box.width * scale), Math.round(box.height * scale));
     }
 
@@ -336,7 +338,7 @@
 
   /* ---- frames: as many samples as there is time for; one frame at a time ------------------- */
 
-  let emptyMs = 4, sampleMs = 1e-6;  // a frame without samples, and one sample of one pixel, take
+  let emptyMs = 4, sampleMs = Infinity;  // of a frame without samples, and of one sample
   let grid = 0, frames = 0, movedSince = false, running = false, speaking = 0;
 
   // What a frame takes however few its samples; the first ones compile and do not count.
@@ -354,10 +356,10 @@
   const pixelCount = () => shownScreens()
     .reduce((sum, {canvas}) => sum + canvas.width * canvas.height, 0);
 
-  async function paint(samples, share) {
+  async function paint(samples, perLens) {
     const drawn = shownScreens(), started = performance.now();
     for (const screen of drawn) {
-      screen.fit(share);
+      screen.fit(perLens);
       screen.draw(samples);
     }
     grid = samples;
@@ -372,14 +374,14 @@
     sampleMs = Math.min(found, 0.5 * (sampleMs + found));
   }
 
+  // The most samples of all pixels that MOVING_MS allows; else MOVING_PER_LENS, however slow.
   function affordable() {
     const whole = shownScreens().reduce((sum, {canvas}) => {
       const ratio = Math.min(window.devicePixelRatio || 1, 2);
       return sum + canvas.clientWidth * canvas.clientHeight * ratio ** 2;
     }, 0);
-    const fits = (samples, share) => whole * share ** 2 * samples ** 2 * sampleMs <= MOVING_MS;
-    for (const samples of MOVING_GRIDS) if (fits(samples, 1)) return [samples, 1];
-    return [1, COARSE.find((share) => fits(1, share)) || COARSE[COARSE.length - 1]];
+    const samples = MOVING_GRIDS.find((n) => whole * n ** 2 * sampleMs <= MOVING_MS);
+    return samples ? [samples] : [1, MOVING_PER_LENS];
   }
 
   const nextFrame = () => new Promise(requestAnimationFrame);
@@ -396,7 +398,7 @@
         await nextFrame();
         const costs = pixelCount() * samples ** 2 * sampleMs;
         if (movedSince || (samples > REST_GRIDS[0] && costs > REST_MS)) break;
-        await paint(samples, 1);
+        await paint(samples);
       }
     }
     running = false;
@@ -645,7 +647,9 @@
     arrange();
   }
 
+  /* The pre-rendered views stay until the first frame is complete, at its full size. */
   async function start() {
+    running = true;
     try {
       takeChoices();
       const pictures = await Promise.all(canvases.map((_, side) => picture(chosen[side])));
@@ -655,10 +659,12 @@
       standIn(error instanceof CannotDraw ? error.message : "The panels cannot be read.");
       return false;
     }
-    live.hidden = false;
-    live.parentElement.classList.add("is-live");
     await timeEmptyFrames();
     say();
+    await paint(1);
+    live.hidden = false;
+    live.parentElement.classList.add("is-live");
+    running = false;
     moved();
     return true;
   }
@@ -678,7 +684,7 @@
   async function timeFrame(samples) {
     const started = performance.now();
     for (const screen of shownScreens()) {
-      screen.fit(1);
+      screen.fit();
       screen.draw(samples);
       await screen.finished();
     }
