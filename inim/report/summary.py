@@ -55,7 +55,8 @@ _MOST_FAILURES = 20
 _MEANING = (
     "SSIM on the relic to the reference, in brackets to the ground truth; then both for the whole "
     "image. Scores are corrected for noise, except those of the EIA and the noise floor. The "
-    "reference is the view of the ground-truth EIA."
+    "reference is the view of the ground-truth EIA. The table of scores in report.html also has "
+    "the other metrics, such as PSNR, and 95 % intervals."
 )
 
 
@@ -205,7 +206,7 @@ def _regression_lines(data: ReportDocument | CompareDocument, out: Path | None =
 
 
 def _headline_table(data: ReportDocument | CompareDocument) -> list[str]:
-    """Changes of the headline score with intervals, by algorithm and viewpoint."""
+    """Changes of the headline score by algorithm and viewpoint, and the place of the others."""
     changes = headline_changes(data)
     views = list(dict.fromkeys(view for by_view in changes.values() for view in by_view))
     rows = [
@@ -213,7 +214,9 @@ def _headline_table(data: ReportDocument | CompareDocument) -> list[str]:
         for name, c in changes.items()
     ]
     heads = [f"change of {MAIN.label} on the relic to the reference", *map(markdown_text, views)]
-    return [markdown_table(heads, rows)] if rows else []
+    page = "compare.html" if isinstance(data, CompareDocument) else "report.html"
+    others = f"Changes of all scores are in the checks of {page}."
+    return [markdown_table(heads, rows), others] if rows else []
 
 
 def _kind_row(of_kind: list[Check]) -> list[str]:
@@ -245,7 +248,8 @@ def _sign(verdict: Checks) -> str:
 
 def _scores_table(data: ReportDocument) -> str:
     names = data.viewpoint_names
-    heads = ["algorithm", *map(markdown_text, names), f"EIA {MAIN.label}", "unlit", "seconds"]
+    of_eia = [f"EIA {MAIN.label}", "unlit"] if data.picture is None else ["wrong source", "holes"]
+    heads = ["algorithm", *map(markdown_text, names), *of_eia, "seconds"]
     rows = [_algorithm_row(data, name, names) for name in data.algorithms]
     rows.append(_reference_row("*reference*", [data.reference.views[n] for n in names], {}))
     if (floor := data.noise_floor) is not None:
@@ -264,10 +268,11 @@ def _algorithm_row(data: ReportDocument, name: str, names: list[str]) -> list[st
     label = markdown_text(name)
     if name == data.best_algorithm and len(data.algorithms) > 1:
         label += ", best"
-    eia = result.eia
-    unlit = per_cent(result.unlit_fraction, 2)
-    last = [score(eia, MAIN.key), unlit, number(result.seconds, 2)]
-    return [label, *cells, *last]
+    if data.picture is None:
+        of_eia = [score(result.eia, MAIN.key), per_cent(result.unlit_fraction, 2)]
+    else:
+        of_eia = [per_cent(result.wrong_source, 2), score(result.eia, "hole_fraction")]
+    return [label, *cells, *of_eia, number(result.seconds, 2)]
 
 
 def _reference_row(

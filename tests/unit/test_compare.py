@@ -1,5 +1,6 @@
 """Comparisons in text: paired differences over relics, directions, and what a reader must know."""
 
+import re
 from pathlib import Path
 from types import SimpleNamespace
 
@@ -15,7 +16,9 @@ from inim.pipeline.plan import Plan
 from inim.pipeline.stages.method import GeneratorMethod
 from inim.pipeline.stages.scoring import Statistics
 from inim.report.comparison_text import accepted_lines, also_changed, comparison_lines
+from inim.report.images import ENCODINGS, ReportImages
 from inim.report.labels import check_sentence
+from inim.report.sections.regression import regression
 from inim.report.summary import render_checks
 from inim.scores.document_parts import Change, Check
 from inim.scores.metrics import HEADLINE
@@ -114,6 +117,40 @@ def test_worse_scores_come_first_and_the_verdict_names_the_worst():
     expected = "worse: 2 of 2 comparisons changed, 1 worse; worst: template/left: FLIP"
     assert last.startswith(expected)
     assert "not corrected for noise" in render_checks(data)
+
+
+def test_page_lists_changed_scores_and_counts_the_other_changes(tmp_path):
+    scores = [compared(0.9, 0.8, HEADLINE, f"template/view{n}") for n in range(3)]
+    light = [within(f"light {n}", "light", 0.1, 0.01, 0.01, unit="") for n in range(4)]
+    data = with_checks(pair("jade", verdict="worse").data, [*scores, *light])
+    page = regression(data, ReportImages(tmp_path, ENCODINGS[0]))
+    assert "7 of 7 comparisons changed" in page
+    assert "Changed scores: 3," in page
+    assert page.count("<li>") == 3
+    assert 'Other changed comparisons: 4, see <a href="#checks">Checks</a>' in page
+    alone = regression(with_checks(data, scores), ReportImages(tmp_path, ENCODINGS[0]))
+    assert "Other changed comparisons" not in alone
+    assert "Changes of all scores are in the checks of compare.html." in render_checks(data)
+
+
+def test_changed_inputs_have_the_folders_of_both_runs_as_heads(tmp_path):
+    change = {"name": "display: gap_mm", "baseline": 3.3, "candidate": 3.2}
+    text = completed(
+        "compare",
+        {
+            "before": {"folder": "out/first"},
+            "after": {"folder": "out/<second>"},
+            "regression": {"verdict": "worse", "inputs": [change], "circumstances": [change]},
+        },
+    )
+    data = msgspec.convert(text, CompareDocument)
+    page = regression(data, ReportImages(tmp_path, ENCODINGS[0]))
+    heads = ["out/first", "out/&lt;second&gt;"]
+    assert re.findall('<th scope="col">(.*?)</th>', page) == [
+        *("Input", *heads),
+        *("Circumstance", *heads),
+    ]
+    assert "Baseline" not in page
 
 
 def test_a_limit_that_is_the_uncertainty_is_printed_once():

@@ -4,6 +4,7 @@ Expected: a short summary, safe to paste into a comment; a JUnit case for each c
 whenever the run is.
 """
 
+import re
 import xml.etree.ElementTree as ET
 from pathlib import Path
 from typing import Any
@@ -12,10 +13,12 @@ import pytest
 
 from inim.report import Report
 from inim.report.document import ReportDocument
+from inim.report.images import ENCODINGS, ReportImages
 from inim.report.labels import (
     suggested_criteria,
     verdict_words,
 )
+from inim.report.sections.overview import scores_section
 from inim.report.summary import render_junit, render_summary
 from tests.schemas import report_document
 
@@ -75,6 +78,18 @@ def test_summary_has_the_verdict_and_a_row_for_each_reference():
     ]
     assert table["*reference*"][:2] == ["(–); (0.8810)", "(–); (0.8750)"]
     assert table["*noise floor*"] == ["(–); (0.9962)", "(–); (–)", "0.9931", "–", "–"]
+    assert "The table of scores in report.html also has the other metrics, such as PSNR" in summary
+
+
+def test_summary_of_a_picture_has_the_columns_of_its_page():
+    template = report_data()["algorithms"]["template"] | {"wrong_source": 0.0125}
+    data = report(scene=None, picture={}, algorithms={"template": template})
+    table = rows(render_summary(data))
+    assert table["algorithm"] == ["centre", "left", "wrong source", "holes", "seconds"]
+    assert table["template"][2:] == ["1.25\u00a0%", "60.00\u00a0%", "0.42"]
+    page = scores_section(data, ReportImages(Path(), ENCODINGS[0]))
+    heads = re.findall("([A-Z][a-z ]+)</abbr>", page)
+    assert heads == [head.capitalize() for head in table["algorithm"][2:]]
 
 
 def test_hostile_names_neither_format_nor_break_the_table():

@@ -54,23 +54,28 @@ def regression(data: ReportDocument | CompareDocument, images: ReportImages) -> 
     comparison = data.regression
     if comparison is None:
         return ""
+    runs = ("Baseline", "This run")
+    if isinstance(data, CompareDocument):
+        runs = (data.before.folder, data.after.folder)
     words = f"Against {comparison.baseline}, {verdict_sentence(data, comparison)}. "
     if comparison.reason:
         words += f"That baseline was accepted because: {comparison.reason}. "
     parts = [
         lead(words + _WORDS),
-        _changes("Changed inputs", "Input", comparison.inputs),
+        _changes("Changed inputs", ("Input", *runs), comparison.inputs),
         _scores(data),
         _not_compared(comparison),
         _images(comparison, images, *_remarks(data)),
         _changes(
-            "Other differences, which excuse no change", "Circumstance", comparison.circumstances
+            "Other differences, which excuse no change",
+            ("Circumstance", *runs),
+            comparison.circumstances,
         ),
     ]
     return "".join(parts)
 
 
-def _changes(caption: str, head: str, changes: Sequence[Change]) -> str:
+def _changes(caption: str, heads: Sequence[str], changes: Sequence[Change]) -> str:
     """Table of changes; empty without any."""
     rows = [
         [
@@ -82,7 +87,7 @@ def _changes(caption: str, head: str, changes: Sequence[Change]) -> str:
         ]
         for row in changes
     ]
-    return table(caption, [head, "Baseline", "This run"], rows, "facts") if rows else ""
+    return table(caption, list(map(text, heads)), rows, "facts") if rows else ""
 
 
 def _preview(png_base64: str) -> str:
@@ -93,7 +98,10 @@ def _preview(png_base64: str) -> str:
 
 
 def _scores(data: ReportDocument | CompareDocument) -> str:
-    """Changes of the headline score by algorithm and viewpoint, and all changed scores."""
+    """Changes of the headline score by algorithm and viewpoint, and all changed scores.
+
+    Last is the number of changes that are not of scores.
+    """
     rows = [
         [algorithm, view, signed_change(c), "" if c.passed else c.direction or "changed"]
         for algorithm, by_view in headline_changes(data).items()
@@ -102,9 +110,13 @@ def _scores(data: ReportDocument | CompareDocument) -> str:
     caption = f"Change of {HEADLINE_WORDS}, with its interval"
     heads = ["Algorithm", "Viewpoint", "Change", ""]
     all_changes = text_table(caption, heads, rows, "drift") if rows else ""
-    changed = worst_first(c for c in compared(data) if c.kind == "score" and not c.passed)
-    title = lead("Changed scores, not corrected for noise:")
-    return all_changes + (title + bullets(map(changed_check, changed), "changes")) * bool(changed)
+    changed = [check for check in compared(data) if not check.passed]
+    scores = worst_first(check for check in changed if check.kind == "score")
+    title = lead(f"Changed scores: {len(scores)}, not corrected for noise.")
+    listed = (title + bullets(map(changed_check, scores), "changes")) * bool(scores)
+    words = text(f"Other changed comparisons: {len(changed) - len(scores)}, see ")
+    others = element("p", words, element("a", "Checks", href="#checks"), ".")
+    return all_changes + listed + others * (len(changed) > len(scores))
 
 
 def _not_compared(comparison: Regression) -> str:
