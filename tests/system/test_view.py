@@ -333,10 +333,10 @@ def test_two_eyes_see_the_panel_from_their_two_places(tab, tmp_path):
 # Records in each frame whether the pre-rendered views show, and the sizes of the visible canvases:
 # pixels, and CSS pixels.
 _RECORD = """
-window.shown = [];
+window.recorded = [];
 (function look() {
   const visible = (e) => e.checkVisibility({visibilityProperty: true}) && e.clientWidth > 0;
-  if (document.readyState !== "loading") shown.push({
+  if (document.readyState !== "loading") recorded.push({
     views: visible(document.querySelector(".stand-in")),
     canvases: [...document.querySelectorAll("#virtual-display-live canvas")].filter(visible)
       .map((c) => [c.width, c.height, c.clientWidth, c.clientHeight])});
@@ -354,11 +354,11 @@ def test_first_visible_frame_is_sharp_and_moving_ones_show_every_lens(tab, page)
     assert tab.evaluate("inimDisplay.ready") is True
     tab.middle("#virtual-display canvas")
     tab.until("inimDisplay.state().frames > 20")
-    shown = tab.evaluate("shown")
+    frames = tab.evaluate("recorded")
     tab.send("Page.removeScriptToEvaluateOnNewDocument", **script)
     assert tab.evaluate("inimDisplay.state().isSwaying") is True
-    assert [frame["views"] for frame in shown] == [not frame["canvases"] for frame in shown]
-    sizes = [size for frame in shown for size in frame["canvases"]]
+    assert [frame["views"] for frame in frames] == [not frame["canvases"] for frame in frames]
+    sizes = [size for frame in frames for size in frame["canvases"]]
     assert len(sizes) > 20
     assert sizes[0][:2] == sizes[0][2:]
     least = DISPLAY.lens_columns, DISPLAY.lens_rows
