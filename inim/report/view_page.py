@@ -96,7 +96,7 @@ def view_eia(
     if not LIVE.is_in(content):
         raise FileError(
             f"{eia}: {real.eia_shape[1]} x {real.eia_shape[0]} pixels are too many for one page of "
-            f"{most_bytes / 1e6:g} MB"
+            f"{most_bytes / 1e6:g} MB; make one for a display of fewer pixels"
         )
     page = _page(eia.name, f"Display {_words(real)}", content)
     _write_page(out, page)

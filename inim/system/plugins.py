@@ -58,7 +58,7 @@ def load(group: str, name: str, kind: str, make: Callable[[Any], Any] = lambda v
     except (Exception, SystemExit) as error:
         raise UsageError(
             f"{kind} {name!r} ({values[0]}) cannot be loaded: {type(error).__name__}: "
-            f"{' '.join(str(error).split())[:400]}"
+            f"{' '.join(str(error).split())[:400]}; update or uninstall its package"
         ) from error
 
 
@@ -199,7 +199,7 @@ class PluginModule:
         except (Exception, SystemExit) as error:
             raise UsageError(
                 f"--plugin {self.name}: cannot be loaded: {type(error).__name__}: "
-                f"{' '.join(str(error).split())[:400]}"
+                f"{' '.join(str(error).split())[:400]}; correct the module"
             ) from error
         if _module_digest(self.name, self.file) != self.sha256:
             raise FileError(f"{self.file}: was saved while the run read it; run it again")

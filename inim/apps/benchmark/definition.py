@@ -66,7 +66,9 @@ class Relic:
         """The scan in a folder; raises `FileError` if it is missing or has another content."""
         assert self.scan is not None
         if folder is None:
-            raise UsageError(f"--scans: needs the folder with {self.scan.file} ({self.source})")
+            raise UsageError(
+                f"--scans: missing; give the folder with {self.scan.file}, from {self.source}"
+            )
         path = folder / self.scan.file
         if hashlib.sha256(read_file(path, 2**28)).hexdigest() != self.scan.sha256:
             raise FileError(f"{path}: is another version; its SHA-256 must be {self.scan.sha256}")

@@ -73,10 +73,14 @@ def tracks_of(algorithm: str) -> tuple[str, ...]:
         return ("rgbd", "blind")
     if isinstance(reads, str):
         if reads != "5":
-            raise UsageError(f"algorithm {algorithm!r}: the track cameras has 5 pictures")
+            raise UsageError(
+                f"algorithm {algorithm!r}: reads {reads} pictures, and the track cameras has 5; "
+                "use cameras:views=5"
+            )
         return ("cameras",)
     raise UsageError(
-        f"algorithm {algorithm!r}: reads {reads.__name__}, which is the input of no track"
+        f"algorithm {algorithm!r}: reads {reads.__name__}, which is the input of no track; choose "
+        "one that reads RGBD"
     )
 
 

@@ -108,5 +108,5 @@ def check_name(name: str) -> str:
     """A name for files, from that of an algorithm; raises `UsageError` if it has no letters."""
     text = "".join(letter if letter.isalnum() or letter in "-_.=" else "-" for letter in name)
     if not text.strip("-."):
-        raise UsageError(f"name {name!r}: has no letters or digits")
+        raise UsageError(f"name {name!r}: has no letters or digits; add one")
     return text

@@ -84,7 +84,10 @@ class Quilt:
             codes = np.asarray(picture.convert("RGB"))
         height, width = codes.shape[0] // rows, codes.shape[1] // columns
         if not (height and width):
-            raise FileError(f"{path}: is smaller than {columns} x {rows} tiles")
+            raise FileError(
+                f"{path}: has {codes.shape[1]} x {codes.shape[0]} pixels, fewer than {columns} x "
+                f"{rows} tiles; correct --tiles"
+            )
         if aspect is None:
             aspect = width / height if tiles or named is None else named[2]
         return cls(codes, columns, rows, aspect)

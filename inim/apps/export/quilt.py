@@ -64,7 +64,10 @@ class TracedScene:
         """The scene of a report with the run's definitions; `path` is its new path if it moved."""
         scene = report.data.scene
         if scene is None:
-            raise UsageError(f"{report.folder}: is of a picture; its ground truth is no scene")
+            raise UsageError(
+                f"{report.folder}: is of a picture, which has no ground truth; name an algorithm "
+                "with --algorithms"
+            )
         return cls(
             report.folder,
             path or Path(scene.path),

@@ -122,7 +122,9 @@ def _generate_folder(args: argparse.Namespace) -> int:
         raise UsageError(f"-o {out}: {folder} is a folder; name a folder for its EIAs")
     photos = sorted(path for path in folder.iterdir() if path.suffix.lower() in SUFFIXES)
     if not photos:
-        raise FileError(f"{folder}: no photograph in it ({', '.join(SUFFIXES)})")
+        raise FileError(
+            f"{folder}: no photograph in it; give a folder with some ({', '.join(SUFFIXES)})"
+        )
     stems = [path.stem for path in photos]
     failed = 0
     for path in photos:

@@ -34,7 +34,9 @@ def centre_view_picture(
     if not (down % 2 and across % 2):
         raise FileError(f"{name}: {across} x {down} views have none in the middle; use --all-views")
     if not np.isfinite(field.disparity).any():
-        raise FileError(f"{name}: no pixel of the disparity is finite; it is damaged")
+        raise FileError(
+            f"{name}: no pixel of the disparity is finite; write it again, or use --all-views"
+        )
     step = step_mm(field, display)
     shift = shift_px(field, display)
     disparity = np.where(np.isfinite(field.disparity), field.disparity, np.float32(np.nan))

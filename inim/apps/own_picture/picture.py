@@ -160,7 +160,9 @@ class CameraPicture(PictureOptions):
         if opaque is not None:  # what is behind transparent pixels must not fill holes
             is_opaque = resample_nearest(opaque, (size[0], size[1]))
             if not is_opaque.any():
-                raise FileError(f"{self.path}: all of its pixels are transparent")
+                raise FileError(
+                    f"{self.path}: all of its pixels are transparent; save it without transparency"
+                )
             file = replace(file, values=np.where(is_opaque, file.values, np.float32(np.nan)))
         values = interpret_depth(file, convention, str(self.depth))
         if size != (rows, columns):

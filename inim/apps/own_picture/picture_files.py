@@ -402,7 +402,7 @@ def read_side_by_side(
     if picture.shape[axis] % 2:
         raise FileError(
             f"{path}: {picture.shape[1]} x {picture.shape[0]} pixels have no equal halves for "
-            f"--depth {side}"
+            f"--depth {side}; crop it to an even {'height' if axis == 0 else 'width'}"
         )
     is_first = side in ("left", "top")
 

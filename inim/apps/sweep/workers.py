@@ -294,6 +294,9 @@ def _client(scheduler: str) -> Iterator[Any]:
             client = Client(scheduler, timeout=_ANSWERS_WITHIN_S, set_as_default=False)
         except (OSError, ValueError) as error:
             words = " ".join(str(error).split())[:160]
-            raise UsageError(f"--scheduler {scheduler}: not a dask scheduler ({words})") from None
+            raise UsageError(
+                f"--scheduler {scheduler}: not a dask scheduler ({words}); give the address that "
+                "`dask scheduler` prints"
+            ) from None
     with client:
         yield client

@@ -8,5 +8,5 @@ try:
 except ModuleNotFoundError:
     raise BackendError(
         "rendering and reports need Linux or macOS: on Windows, run inim in WSL; generate, "
-        "inspect, new-scene, export and depth work here"
+        "inspect, new-scene and export work here"
     ) from None
