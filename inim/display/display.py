@@ -254,7 +254,9 @@ class Display:
     def _check_depth_range(self) -> None:
         limits = (self.depth_min_mm, self.depth_max_mm)
         if (limits[0] is None) != (limits[1] is None):
-            raise DisplayError("give both depth_min_mm and depth_max_mm, or neither")
+            raise DisplayError(
+                f"depth_min_mm = {limits[0]}, depth_max_mm = {limits[1]}: give both or neither"
+            )
         if limits[0] is None and math.isinf(self.central_depth_mm):
             raise DisplayError(
                 f"gap_mm = focal_length_mm = {self.gap_mm}: a focused display has no depth range "
@@ -504,7 +506,7 @@ class Display:
         if not under.any():
             raise DisplayError(
                 f"shift_x_mm = {self.shift_x_mm:g}, shift_y_mm = {self.shift_y_mm:g}: the array "
-                "is completely outside its panel"
+                "is completely outside its panel; shift it less"
             )
         return under
 

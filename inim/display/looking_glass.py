@@ -140,7 +140,9 @@ class LookingGlass:
         Raises `DisplayError`: not a slanted lenticular with colours side by side.
         """
         if display.lattice != Lenticular.name or not display.rotation_deg:
-            raise DisplayError(f"display {display.name}: visual.json is for slanted lenticulars")
+            raise DisplayError(
+                f"display {display.name}: visual.json is for slanted lenticulars; save it as .xml"
+            )
         if display.subpixels not in ("rgb-stripe", "cells") or (
             display.cell_pattern not in CELL_MODES
         ):
@@ -241,7 +243,9 @@ def parse_calibration(text: bytes, source: str) -> LookingGlass:
     cells = tuple(tuple(number(name, holder=cell) for name in _OFFSETS) for cell in listed)
     width, height = number("screenW"), number("screenH")
     if not (width.is_integer() and height.is_integer()):
-        raise FileError(f"{source}: screenW and screenH must be whole numbers of pixels")
+        raise FileError(
+            f"{source}: screenW = {width:g}, screenH = {height:g}: must be whole numbers of pixels"
+        )
     return LookingGlass(
         pitch=number("pitch"),
         slope=slope,

@@ -286,7 +286,8 @@ def pixel_axis(display: Display, sign: int) -> PixelAxis:
     if (lens < 0).all():
         name = "shift_x_mm" if sign > 0 else "shift_y_mm"
         raise DisplayError(
-            f"{name} = {getattr(display, name):g}: the array is completely outside its panel"
+            f"{name} = {getattr(display, name):g}: the array is completely outside its panel; "
+            "shift it less"
         )
     return PixelAxis(
         position_mm=np.array([_to_float(sign * x, unit) for x in place]),

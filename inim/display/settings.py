@@ -221,7 +221,7 @@ class Settings(_Stated):
                 if name not in algorithms:
                     raise SceneError(
                         f"{source}: {key} names {name!r}, which is not among the algorithms run "
-                        f"({', '.join(algorithms)})"
+                        f"({', '.join(algorithms)}); add it, or remove its limit"
                     )
                 if name in limits:
                     raise SceneError(f"{source}: {key} limits {name!r} twice; keep one limit")

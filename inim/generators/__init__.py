@@ -214,7 +214,10 @@ def find_sources(
     """
     generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
     if not isinstance(generator, SourceGenerator):
-        raise UsageError(f"algorithm {str(algorithm)!r} does not report its sources")
+        raise UsageError(
+            f"algorithm {str(algorithm)!r} does not report its sources; use one that does, such as "
+            f"{DEFAULT!r}"
+        )
     return generator.sources(rgbd)
 
 

@@ -445,7 +445,9 @@ def fit_to_display(
         )
     extent = high - low
     if max(extent[:2]) < 1 / _FARTHEST:
-        raise SceneError(f"{source}: the scene's shapes have no width or height to fit")
+        raise SceneError(
+            f"{source}: the scene's shapes have no width or height to fit; check its transforms"
+        )
     with np.errstate(divide="ignore"):
         scale = fit_share * min(display.width_mm / extent[0], display.height_mm / extent[1])
     z_min, z_max = display.depth_range_mm

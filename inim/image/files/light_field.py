@@ -153,12 +153,15 @@ def read_hci(folder: Path) -> LightField:
             view = np.asarray(picture.convert("RGB"))
         if number == 0:
             if view.nbytes * len(numbers) > _MOST_BYTES:
-                raise FileError(f"{folder}: {len(numbers)} views of {view.nbytes} bytes; too many")
+                raise FileError(
+                    f"{folder}: {len(numbers)} views of {view.nbytes} bytes; at most "
+                    f"{_MOST_BYTES} bytes are read"
+                )
             views = np.empty((len(numbers), *view.shape), np.uint8)
         if view.shape != views.shape[1:]:
             raise FileError(
                 f"{path}: {view.shape[1]} x {view.shape[0]} pixels, the first view has "
-                f"{views.shape[2]} x {views.shape[1]}"
+                f"{views.shape[2]} x {views.shape[1]}; all need one size"
             )
         views[number] = view
     grid = views.reshape(down, across, *views.shape[1:])

@@ -355,4 +355,6 @@ def check_images(reference: np.ndarray, test: np.ndarray) -> None:
             if not finite.all():  # reducing by pixel takes longer, and is rarely needed
                 count += int(np.count_nonzero(~finite.all(axis=-1)))
         if count:
-            raise UsageError(f"the {name} image has {count} pixels that are not finite")
+            raise UsageError(
+                f"the {name} image has {count} pixels that are not finite; replace them"
+            )
