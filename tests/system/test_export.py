@@ -235,7 +235,7 @@ def test_views_are_exported_and_come_back(tmp_path, capsys, pixels):
     [
         ((), "give --pdf FILE, --views DIR, --hci DIR, --quilt FILE or --native FILE"),
         (("--pdf", "sheet.png"), "not a PDF file name; use .pdf"),
-        (("--views", "v", "--grid", "8"), "--grid 8: write ACROSSxDOWN"),
+        (("--quilt", "q.png", "--tiles", "8"), "--tiles 8: write ACROSSxDOWN"),
         (("--views", "eia.png"), "is a file; name a folder"),
         (("--views", "v", "--algorithms", "template"), "needs a report's folder"),
         (("--views", "v", "-D", "inim.rotation_deg=3"), "rotation_deg = 3"),

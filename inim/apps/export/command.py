@@ -49,7 +49,7 @@ def _view(args: argparse.Namespace) -> int:
 
 
 _EXPORT_OPTIONS = (
-    *("pdf", "views", "hci", "quilt", "grid", "tiles", "view_size", "aspect", "view_spp"),
+    *("pdf", "views", "hci", "quilt", "tiles", "view_size", "aspect", "view_spp"),
     *("native", "scene", "allow_folders", "quiet", "debug"),
 )
 
@@ -75,11 +75,6 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
         type=Path,
         metavar="DIR",
         help="write an HCI light field into this folder; with the true disparity for a report",
-    )
-    add(
-        "--grid",
-        metavar="COLSxROWS",
-        help="number of sub-aperture views (default: the pixels per lens)",
     )
     add(
         "--quilt",

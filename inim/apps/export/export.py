@@ -11,7 +11,6 @@ from inim.apps.export.tiles import (
     Pair,
     Tiles,
     check_aspect,
-    parse_pair,
     parse_tile_counts,
     parse_tiles,
 )
@@ -34,7 +33,6 @@ def export(
     algorithm: str | None = None,
     display: Display | str | Path | None = None,
     definitions: Mapping[str, Any] | None = None,
-    grid: Pair | None = None,
     tiles: Pair | None = None,
     view_size: Pair | None = None,
     aspect: float | None = None,
@@ -68,8 +66,6 @@ def export(
         Algorithm of the report, or ``"truth"``; default: the best.
     display, definitions : optional
         Display of an EIA, as for `inim.validate`; a report has its own.
-    grid : pair, optional
-        Number of sub-aperture views; default: the pixels per lens.
     tiles, view_size : pair, optional
         Tiles of the quilt (8x6), and the size of a tile in pixels.
     aspect : float, optional
@@ -99,7 +95,7 @@ def export(
     if native is not None:
         _refuse(
             "--native is for a quilt; leave one of them out",
-            {"pdf": pdf, "views": views, "hci": hci, "quilt": quilt, "grid": grid}
+            {"pdf": pdf, "views": views, "hci": hci, "quilt": quilt}
             | {"algorithms": algorithm, "view-size": view_size, "scene": scene},
         )
         return [_write_native(source, Path(native), display, definitions, tiles, aspect)]
@@ -123,13 +119,12 @@ def export(
         except ViewpointError as error:
             raise FileError(f"{source}: {error}") from None
     sheet, folder, field = (None if path is None else Path(path) for path in (pdf, views, hci))
-    lenses = None if grid is None else parse_pair("--grid", grid, 10_000)[::-1]
     files = []
     with published_together():
         if sheet or folder or field:
             from inim.apps.export.lenslet_forms import write_lenslet_forms
 
-            files += write_lenslet_forms(eia, sheet, folder, field, lenses)
+            files += write_lenslet_forms(eia, sheet, folder, field)
         if request is not None:
             from inim.apps.export.quilt import render_quilt
 

@@ -16,27 +16,21 @@ from inim.image.files.light_field import (
     view_grid,
     write_hci,
 )
-from inim.system.errors import UsageError
 from inim.system.process.atomic_file import write_atomically
 
 
 def write_lenslet_forms(
-    eia: ChosenEIA,
-    pdf: Path | None,
-    views: Path | None,
-    hci: Path | None,
-    grid: tuple[int, int] | None,
+    eia: ChosenEIA, pdf: Path | None, views: Path | None, hci: Path | None
 ) -> list[Path]:
     """Write the given forms of an EIA, and return their paths.
 
-    `grid` are the rows and columns of sub-aperture views; None: the pixels per lens. All forms are
-    computed before the first one is written.
+    All forms are computed before the first one is written.
     """
     display = eia.design_display
     linear = read_eia(eia.path, display)[0]
     codes = to_srgb(linear)
-    images = None if views is None else sub_aperture_views(codes, display, grid)
-    field = None if hci is None else _light_field(eia, codes, grid)
+    images = None if views is None else sub_aperture_views(codes, display)
+    field = None if hci is None else _light_field(eia, codes)
     if pdf is not None:
         write_true_size_pdf(pdf, linear, display.pixel_pitch_mm)
     if views is not None and images is not None:
@@ -46,22 +40,12 @@ def write_lenslet_forms(
     return [path for path in (pdf, views, hci) if path is not None]
 
 
-def _light_field(
-    chosen: ChosenEIA, codes: np.ndarray, grid: tuple[int, int] | None
-) -> tuple[np.ndarray, np.ndarray | None]:
+def _light_field(chosen: ChosenEIA, codes: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
     """Views; for a report also the disparity of the centre view."""
     display = chosen.design_display
     if chosen.report is None:
-        return sub_aperture_views(codes, display, grid), None
-    if grid is None:  # odd numbers, for a centre view
-        down, across = (n - 1 + n % 2 for n in view_grid(display))
-    elif not (grid[0] % 2 and grid[1] % 2):
-        raise UsageError(
-            f"--grid {grid[1]}x{grid[0]}: has no centre view, which needs a disparity; use odd "
-            "numbers"
-        )
-    else:
-        down, across = grid
+        return sub_aperture_views(codes, display), None
+    down, across = (n - 1 + n % 2 for n in view_grid(display))  # odd, for a centre view
     rgbd = read_rgbd(chosen.report.folder / "rgbd.exr")
     views = sub_aperture_views(codes, display, (down, across))
     return views, centre_disparity(rgbd, display, across)
