@@ -45,6 +45,7 @@ _TABLE = _OWN | {
 #: Commands, with their modules.
 COMMANDS = {name: module for name, (_, module) in _TABLE.items()}
 
+_DEBUG = "--debug"
 _DESCRIPTION = (
     "Simulate integral-imaging displays. An elemental image array (EIA) is the image on the panel\n"
     "behind the lens array."
@@ -76,7 +77,8 @@ def main(argv: list[str] | None = None) -> int:
             os.fstat(number)
         except OSError:
             os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)
-    argv = sys.argv[1:] if argv is None else argv
+    typed = sys.argv[1:] if argv is None else argv
+    argv = [word for word in typed if word != _DEBUG]  # an option of every command, in any place
     if "_ARGCOMPLETE" in os.environ:  # a shell asks how a word goes on
         _complete(_parser(None))
     if not argv:
@@ -87,6 +89,7 @@ def main(argv: list[str] | None = None) -> int:
         parser.error(f"{argv[0]}: no such command; {suggestion}")
     args, unknown = parser.parse_known_args(argv)
     args.command_line = shlex.join(["inim", *argv])
+    args.debug |= _DEBUG in typed
     try:
         if unknown:
             getattr(args, "explain_unknown", lambda *_: None)(args, unknown)
@@ -94,10 +97,10 @@ def main(argv: list[str] | None = None) -> int:
         check_memory()  # before large libraries load, which would never end
         with delayed_interrupts():  # an exception during its import is a segmentation fault
             import_module("msgspec")
-        with nullcontext() if getattr(args, "debug", False) else quiet_libraries():
+        with nullcontext() if args.debug else quiet_libraries():
             return int(args.run(args))
     except InimError as error:
-        if getattr(args, "debug", False) and error.__cause__:
+        if args.debug and error.__cause__:
             traceback.print_exception(error.__cause__)
         print_warning(str(error), "error")
         return error.exit_code
@@ -106,7 +109,7 @@ def main(argv: list[str] | None = None) -> int:
         return EXIT_PASSED
     except Exception as error:
         raise_again()
-        if getattr(args, "debug", False):
+        if args.debug:
             raise
         unexpected = unexpected_error(error)
         print_warning(str(unexpected), "error")
@@ -123,6 +126,8 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
     if named not in COMMANDS:
         parser.epilog = f"{_command_list()}\n{EXIT_CODES}"
     parser.add_argument("--version", action="version", version=f"inim {__version__}")
+    help_text = "show tracebacks of internal errors; may also follow the command"
+    parser.add_argument(_DEBUG, action="store_true", help=help_text)
     # argparse keeps the type of what add_subparsers returns to itself.
     commands: Any = parser.add_subparsers(required=True, metavar="COMMAND")
     if named in COMMANDS:

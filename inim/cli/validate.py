@@ -101,7 +101,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="ignore the cache, and also run steps that cannot change a result",
     )
-    add_shared(parser, "json", "quiet", "debug", open="open the report in the browser")
+    add_shared(parser, "json", "quiet", open="open the report in the browser")
     parser.set_defaults(explain_unknown=_check_kind)
 
 
@@ -218,7 +218,7 @@ def _add_demo_arguments(parser: argparse.ArgumentParser) -> None:
         "Validate the bundled amphora scene on the display `fine`, and print the addresses of its "
         "report and live display. On a terminal with a screen, the latter opens in the browser."
     )
-    add_shared(parser, "debug", out="folder for the report (default: amphora-report)")
+    add_shared(parser, out="folder for the report (default: amphora-report)")
 
 
 def _demo(args: argparse.Namespace) -> int:

@@ -108,7 +108,6 @@ _SHARED = {
     "open": _option("--open", action="store_true", help="open the virtual display in the browser"),
     "json": _option("--json", action="store_true", help="print JSON instead of text"),
     "quiet": _option("--quiet", action="store_true", help="print errors only"),
-    "debug": _option("--debug", action="store_true", help="show tracebacks of internal errors"),
 }
 
 

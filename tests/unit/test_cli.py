@@ -19,7 +19,7 @@ from inim.apps import APPS
 from inim.cli.main import COMMANDS, _parser, _parsers, main
 from inim.display import DISPLAYS
 from inim.pipeline.options import default_out
-from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, EXIT_USAGE
+from inim.system.errors import EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE
 
 HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "trimesh")
 
@@ -181,6 +181,15 @@ def test_every_option_is_part_of_a_document_a_test_or_a_workflow():
 @pytest.mark.parametrize("name", ["validate", "generate", "bench"])
 def test_algorithms_have_one_option_in_all_commands(name, option):
     assert _parser(name).parse_args([name, "x", option, "li2012"]).algorithms == "li2012"
+
+
+@pytest.mark.parametrize("words", [("info", "cache", "--debug"), ("--debug", "info", "cache")])
+def test_debug_shows_the_traceback_of_any_command(words, monkeypatch, capsys):
+    monkeypatch.setattr("inim.system.cache.open_store", lambda: 1 / 0)
+    assert main(["info", "cache"]) == EXIT_INTERNAL
+    assert "ZeroDivisionError: division by zero; run again with --debug" in capsys.readouterr().err
+    with pytest.raises(ZeroDivisionError):
+        main([*words])
 
 
 @pytest.mark.parametrize("code", [EXIT_PASSED, EXIT_CHECK_FAILED])

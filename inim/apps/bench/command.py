@@ -24,7 +24,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
         help="settings of a size, such as lens_columns=32,lens_rows=32 or "
         "capture_pixels_per_pitch=2; may be repeated, for several sizes",
     )
-    shared = ("definitions", "display", "algorithms", "allow_folders", "quiet", "debug")
+    shared = ("definitions", "display", "algorithms", "allow_folders", "quiet")
     add_shared(parser, *shared, out="folder (default: SCENE-bench)")
     parser.add_argument("--runs", type=int, default=9, metavar="N", help="timed runs (default: 9)")
     parser.add_argument(

@@ -24,7 +24,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         part.add_argument(
             "--suite", type=Path, default=_SUITE, help=f"folder of the suite (default: {_SUITE})"
         )
-        add_shared(part, "quiet", "debug")
+        add_shared(part, "quiet")
         return part
 
     make = task("make", "Render the cases of a tier; those that exist are kept.", _make)

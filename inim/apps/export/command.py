@@ -103,7 +103,7 @@ def _add_export_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="XML",
         help="scene file for a quilt of the ground truth (default: the report's scene)",
     )
-    add_shared(parser, "allow_folders", "quiet", "debug")
+    add_shared(parser, "allow_folders", "quiet")
 
 
 def _export(args: argparse.Namespace) -> int:

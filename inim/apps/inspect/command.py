@@ -17,7 +17,7 @@ def _add_inspect_arguments(parser: argparse.ArgumentParser) -> None:
     )
     lens_model = "lens model: pinhole, thin or thick (default: thick, if it can be manufactured)"
     out = "folder for inspect.json, .svg and .png (default: write none)"
-    add_shared(parser, "definitions", "json", "debug", lens_model=lens_model, out=out)
+    add_shared(parser, "definitions", "json", lens_model=lens_model, out=out)
     parser.add_argument(
         "--distance",
         type=float,

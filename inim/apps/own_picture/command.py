@@ -72,7 +72,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "one algorithm with options, such as template:samples=1; see `inim info algorithms` "
         "(default: template; for several cameras: cameras)"
     )
-    shared = ("display", "definitions", "open", "debug")
+    shared = ("display", "definitions", "open")
     add_shared(parser, *shared, out=out, algorithms=algorithms)
     add(
         "--all-views",

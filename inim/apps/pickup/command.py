@@ -28,7 +28,7 @@ def _add_pickup_arguments(parser: argparse.ArgumentParser) -> None:
     add("--orthoscopic", action="store_true", help="do not rotate elemental images by 180 degrees")
     out = "display file to write (default: PICTURE-eia.xml); the EIA gets the same name"
     display = "lens pitch, focal length and gap: preset (nominal or phone) or an .xml file"
-    add_shared(parser, "definitions", "debug", out=out, display=display)
+    add_shared(parser, "definitions", out=out, display=display)
 
 
 def _pickup(args: argparse.Namespace) -> int:

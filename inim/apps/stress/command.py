@@ -23,7 +23,7 @@ def _add_stress_arguments(parser: argparse.ArgumentParser) -> None:
         nargs="?",
         help="Mitsuba scene (.xml) whose depth is changed (default: two synthetic spheres)",
     )
-    shared = ("definitions", "algorithms", "allow_folders", "quiet", "debug")
+    shared = ("definitions", "algorithms", "allow_folders", "quiet")
     add_shared(parser, *shared, out="folder (default: SCENE-stress)")
     parser.add_argument(
         "--lens-models", type=_names, metavar="NAMES", help="lens models (default: all)"

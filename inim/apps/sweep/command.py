@@ -45,7 +45,7 @@ def _add_sweep_arguments(parser: argparse.ArgumentParser) -> None:
         action="store_true",
         help="only list the finished and the remaining validations",
     )
-    add_shared(parser, "allow_folders", "quiet", "debug")
+    add_shared(parser, "allow_folders", "quiet")
 
 
 def _sweep(args: argparse.Namespace) -> int:
