@@ -64,7 +64,8 @@ def _commands() -> str:
         command = import_module(module).COMMANDS[name]
         parser = argparse.ArgumentParser(prog=f"inim {name}")
         command.add_arguments(parser)
-        parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{parser.format_help()}```\n")
+        text = f"{parser.format_help()}\nexample:\n  {command.example}\n"
+        parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{text}```\n")
     return "\n".join(parts)
 
 

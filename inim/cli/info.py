@@ -155,5 +155,6 @@ COMMANDS = {
         "show algorithms, displays, settings, cache or system",
         _add_info_arguments,
         lambda args: int(args.show(args)),
+        "inim info algorithms",
     ),
 }

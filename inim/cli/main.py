@@ -137,9 +137,24 @@ def _parser(named: str | None) -> argparse.ArgumentParser:
         description = f"{command.summary[0].upper()}{command.summary[1:]}."
         own = commands.add_parser(name, description=description, **layout)
         command.add_arguments(own)
-        own.description = fill(own.description)
+        own.usage = _usage(own)
+        own.description = f"{fill(own.description)}\n\nexample:\n  {command.example}"
         own.set_defaults(run=command.run)
     return parser
+
+
+# Usage of a positional argument, by its number of values.
+_REPEATED = {"?": "[{}]", "+": "{} ...", "*": "[{} ...]", argparse.PARSER: "{} ..."}
+
+
+def _usage(parser: argparse.ArgumentParser) -> str:
+    """Usage in one line; the help lists the options."""
+    words = [
+        _REPEATED.get(str(action.nargs), "{}").format(action.metavar or action.dest)
+        for action in parser._actions
+        if not action.option_strings
+    ]
+    return " ".join([parser.prog, "[options]", *words])
 
 
 def _command(name: str) -> Command:

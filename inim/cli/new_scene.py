@@ -28,7 +28,7 @@ def _add_scene_arguments(parser: argparse.ArgumentParser) -> None:
         help="mesh (PLY, OBJ, OFF, STL, GLB or glTF) or Gaussian splats (PLY), or a folder with "
         "one of these",
     )
-    add("-o", "--out", type=Path, metavar="XML", help="scene to write (default: MESH-scene.xml)")
+    add_shared(parser, out="scene to write, .xml (default: MESH-scene.xml)")
     add(
         "--unit",
         choices=UNITS,
@@ -55,6 +55,9 @@ def _new_scene(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "new-scene": Command(
-        "create a lit scene from a mesh or Gaussian splats", _add_scene_arguments, _new_scene
+        "create a lit scene from a mesh or Gaussian splats",
+        _add_scene_arguments,
+        _new_scene,
+        "inim new-scene goblet.ply --unit mm --up y -o relic.xml",
     ),
 }

@@ -347,12 +347,33 @@ def _figure(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "accept": Command(
-        "accept a report as the baseline for later runs", _add_accept_arguments, _accept
+        "accept a report as the baseline for later runs",
+        _add_accept_arguments,
+        _accept,
+        "inim accept out/jade --reason 'first version'",
     ),
-    "compare": Command("compare reports statistically", _add_compare_arguments, _compare),
-    "demo": Command("validate the bundled amphora scene: start here", _add_demo_arguments, _demo),
+    "compare": Command(
+        "compare reports statistically",
+        _add_compare_arguments,
+        _compare,
+        "inim compare out/before out/after -o out/difference",
+    ),
+    "demo": Command(
+        "validate the bundled amphora scene: start here",
+        _add_demo_arguments,
+        _demo,
+        "inim demo -o out/amphora",
+    ),
     "validate": Command(
-        "render a scene, generate EIAs, and score every view", _add_arguments, _run
+        "render a scene, generate EIAs, and score every view",
+        _add_arguments,
+        _run,
+        "inim validate scenes/jade.xml -o out/jade",
     ),
-    "figure": Command("draw a figure of a report for a paper", _add_figure_arguments, _figure),
+    "figure": Command(
+        "draw a figure of a report for a paper",
+        _add_figure_arguments,
+        _figure,
+        "inim figure out/jade -o jade.pdf --inset 0.45,0.4,0.15",
+    ),
 }

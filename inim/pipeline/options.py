@@ -27,7 +27,7 @@ _Options = Any
 
 
 class Command(NamedTuple):
-    """A command of `inim`: one line of help, and functions.
+    """A command of `inim`: one line of help, functions, and an example of its use.
 
     `add_arguments` adds arguments to a parser; `run` runs the command with the parsed arguments and
     returns the exit code. The arguments include `command_line`, the command as typed.
@@ -36,6 +36,7 @@ class Command(NamedTuple):
     summary: str
     add_arguments: Callable[[argparse.ArgumentParser], object]
     run: Callable[[argparse.Namespace], int]
+    example: str
 
 
 def _option(*flags: str, **settings: Any) -> tuple[tuple[str, ...], dict[str, Any]]:

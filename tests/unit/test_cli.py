@@ -5,6 +5,7 @@ import json
 import os
 import pkgutil
 import re
+import shlex
 import subprocess
 import sys
 from collections.abc import Iterator
@@ -21,6 +22,8 @@ from inim.display import DISPLAYS
 from inim.pipeline.options import default_out
 from inim.system.errors import EXIT_CHECK_FAILED, EXIT_INTERNAL, EXIT_PASSED, EXIT_USAGE
 
+#: Two screens of 50 lines.
+MOST_LINES_OF_HELP = 100
 HEAVY = ("numpy", "numba", "mitsuba", "drjit", "matplotlib", "PIL", "scipy", "trimesh")
 
 
@@ -181,6 +184,24 @@ def test_every_option_is_part_of_a_document_a_test_or_a_workflow():
 @pytest.mark.parametrize("name", ["validate", "generate", "bench"])
 def test_algorithms_have_one_option_in_all_commands(name, option):
     assert _parser(name).parse_args([name, "x", option, "li2012"]).algorithms == "li2012"
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_help_opens_with_a_sentence_and_an_example_and_is_short(name, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", "80")
+    parser = _parser(name)
+    with pytest.raises(SystemExit):
+        parser.parse_args([name, "--help"])
+    text = capsys.readouterr().out
+    usage, description, example, *_ = text.split("\n\n")
+    assert usage.startswith(f"usage: inim {name} [options]")
+    assert len(usage.split("\n")) == 1
+    assert re.fullmatch(r"[A-Zi].*\.", description, re.DOTALL)
+    assert "%%" not in text
+    title, line = example.split("\n")
+    assert title == "example:"
+    parser.parse_args(shlex.split(line)[1:])
+    assert len(text.split("\n")) <= MOST_LINES_OF_HELP
 
 
 @pytest.mark.parametrize("words", [("info", "cache", "--debug"), ("--debug", "info", "cache")])

@@ -10,7 +10,7 @@ def _add_bench_arguments(parser: argparse.ArgumentParser) -> None:
     parser.description = (
         "Time each algorithm on the display-ready pictures of scenes and compare time with error. "
         "All algorithms run alternately with a reference kernel: one 4-byte gather per panel "
-        "pixel. Times, their ratios to the kernel's and errors have 95 %% intervals."
+        "pixel. Times, their ratios to the kernel's and errors have 95 % intervals."
     )
     parser.add_argument(
         "scenes", nargs="+", type=Path, metavar="SCENE", help="Mitsuba scene (.xml)"
@@ -51,5 +51,10 @@ def _bench(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "bench": Command("time algorithms and compare time with error", _add_bench_arguments, _bench),
+    "bench": Command(
+        "time algorithms and compare time with error",
+        _add_bench_arguments,
+        _bench,
+        "inim bench scenes/jade.xml -a gu2020,template -o out/jade-bench",
+    ),
 }

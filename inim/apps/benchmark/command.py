@@ -119,6 +119,7 @@ def _board(args: argparse.Namespace) -> int:
 
 
 _SUMMARY = f"benchmark of algorithms on fixed inputs: {', '.join(TRACKS)}"
+_EXAMPLE = "inim benchmark make --case ibex-sheet --suite out/suite"
 COMMANDS = {
-    "benchmark": Command(_SUMMARY, _add_arguments, lambda args: args.task_function(args)),
+    "benchmark": Command(_SUMMARY, _add_arguments, lambda args: args.task_function(args), _EXAMPLE),
 }

@@ -120,8 +120,16 @@ def _export(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "view": Command("view a report's EIAs, or any EIA, in a browser", _add_view_arguments, _view),
+    "view": Command(
+        "view a report's EIAs, or any EIA, in a browser",
+        _add_view_arguments,
+        _view,
+        "inim view out/jade",
+    ),
     "export": Command(
-        "write an EIA as PDF, views, light field or quilt", _add_export_arguments, _export
+        "write an EIA as PDF, views, light field or quilt",
+        _add_export_arguments,
+        _export,
+        "inim export out/jade --pdf sheet.pdf",
     ),
 }

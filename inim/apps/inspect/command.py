@@ -56,6 +56,9 @@ def _inspect(args: argparse.Namespace) -> int:
 
 COMMANDS = {
     "inspect": Command(
-        "compute a display's depth, viewing zone and resolution", _add_inspect_arguments, _inspect
+        "compute a display's depth, viewing zone and resolution",
+        _add_inspect_arguments,
+        _inspect,
+        "inim inspect phone -D inim.gap_mm=3",
     ),
 }

@@ -232,4 +232,11 @@ def _write_outputs(
             write_rgbd(args.save_rgbd, source.rgbd)
 
 
-COMMANDS = {"generate": Command("generate EIAs from your own pictures", _add_arguments, _run)}
+COMMANDS = {
+    "generate": Command(
+        "generate EIAs from your own pictures",
+        _add_arguments,
+        _run,
+        "inim generate color.png --depth depth.png --depth-unit mm --orthographic",
+    ),
+}

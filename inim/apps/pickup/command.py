@@ -54,4 +54,5 @@ def _pickup(args: argparse.Namespace) -> int:
 
 
 _SUMMARY = "convert a picture of elemental images to an EIA"
-COMMANDS = {"pickup": Command(_SUMMARY, _add_pickup_arguments, _pickup)}
+_EXAMPLE = "inim pickup raw.png --white white.png --raw -o letters.xml"
+COMMANDS = {"pickup": Command(_SUMMARY, _add_pickup_arguments, _pickup, _EXAMPLE)}

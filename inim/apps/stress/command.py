@@ -56,5 +56,10 @@ def _stress(args: argparse.Namespace) -> int:
 
 
 COMMANDS = {
-    "stress": Command("test the whole chain for numerical faults", _add_stress_arguments, _stress),
+    "stress": Command(
+        "test the whole chain for numerical faults",
+        _add_stress_arguments,
+        _stress,
+        "inim stress --quick -o out/stress",
+    ),
 }

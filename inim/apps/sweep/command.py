@@ -86,5 +86,6 @@ COMMANDS = {
         "validate all combinations of scenes, displays, algorithms and settings",
         _add_sweep_arguments,
         _sweep,
+        "inim sweep scenes/study.toml -o out/study --dry-run",
     ),
 }
