@@ -293,8 +293,11 @@ def _add_figure_arguments(parser: argparse.ArgumentParser) -> None:
         default="views,errors,scores,time",
         help="parts to draw, separated by commas (default: %(default)s)",
     )
-    parser.add_argument("--viewpoint", default="", help="viewpoint of the views (default: centre)")
-    add_shared(parser, algorithms="algorithms of the report, separated by commas (default: all)")
+    add_shared(
+        parser,
+        viewpoints="viewpoint of the views (default: centre)",
+        algorithms="algorithms of the report, separated by commas (default: all)",
+    )
     parser.add_argument(
         "--inset",
         action="append",
@@ -330,7 +333,7 @@ def _figure(args: argparse.Namespace) -> int:
         raise UsageError("--maps: give a single report, because the files are named by viewpoint")
     request = FigureRequest(
         tuple(part.strip() for part in args.parts.split(",") if part.strip()),
-        args.viewpoint,
+        args.viewpoints or "",
         algorithm_items(args.algorithms or ""),
         tuple(insets),
         args.width,

@@ -66,10 +66,10 @@ class FigureRequest:
         data = report.data
         names = data.viewpoint_names
         viewpoint = self.viewpoint or data.main_viewpoint or ""
-        choices = {"--parts": PARTS, "--viewpoint": names, "--algorithms": [*data.algorithms]}
+        choices = {"--parts": PARTS, "--viewpoints": names, "--algorithms": [*data.algorithms]}
         requested = {
             "--parts": self.parts,
-            "--viewpoint": (viewpoint,),
+            "--viewpoints": (viewpoint,),
             "--algorithms": self.algorithms,
         }
         for option, values in requested.items():

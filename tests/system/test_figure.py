@@ -37,7 +37,7 @@ def test_each_format_is_written_the_same_twice(out, tmp_path, form):
 
 def test_views_of_one_viewpoint_have_the_width_asked_for(out, tmp_path):
     path = tmp_path / "views.png"
-    options = ("--parts", "views", "--width", "90", "--viewpoint", "left", "-a", "gu2020")
+    options = ("--parts", "views", "--width", "90", "--viewpoints", "left", "-a", "gu2020")
     assert run_here("figure", out, "-o", path, *options, folder=tmp_path).code == EXIT_PASSED
     with Image.open(path) as image:
         assert image.width == pytest.approx(90 / 25.4 * 300, abs=1)
@@ -80,7 +80,7 @@ def test_error_maps_are_those_of_the_views(out, tmp_path):
     [
         (("-o", "a.bmp"), "ends in .pdf"),
         (("--parts", "view"), "did you mean views"),
-        (("--viewpoint", "right"), "--viewpoint right"),
+        (("--viewpoints", "right"), "--viewpoints right"),
         (("-a", "li2012"), "--algorithms li2012"),
         (("--inset", "0,0,2"), "leaves the view"),
         (("--inset", "1,2"), "write X,Y,SIDE"),

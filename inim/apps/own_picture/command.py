@@ -84,7 +84,7 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
         "algorithm's own)",
     )
-    add("--pdf", type=Path, help="also write a PDF that prints at true size")
+    add("--pdf", type=Path, metavar="FILE", help="also write a PDF that prints at true size")
     add(
         "--save-rgbd",
         type=Path,
