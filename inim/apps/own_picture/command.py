@@ -27,23 +27,15 @@ if TYPE_CHECKING:
     from inim.apps.own_picture.inputs import Input
 
 _EPILOG = """depth
-  Depth with a unit (--depth-unit mm, cm, m, or 5000 for 5000 units per metre) is missing where the
-  value is 0, negative or not finite. Depth without a unit (--depth-unit none) is missing where the
-  value is not finite or is listed by --missing, and needs --near-is-large or --far-is-large.
-  Distances that no depth camera has are refused, unless --near and --far confirm them.
+  With a unit, depth is missing where the value is 0, negative or not finite.
+  Without one (--depth-unit none), it is missing where the value is not finite or
+  is listed by --missing, and --near-is-large or --far-is-large is required.
+  Distances that no depth camera has are refused, unless --near and --far confirm
+  them.
 
 photographs that contain depth
-  Give only the file name: the file contains the depth, its unit and its direction. The photograph
-  is treated as taken with parallel rays. With --intrinsics photo, it is unprojected with the camera
-  parameters in the file. The default of --fit is auto.
-  --estimate-depth MODEL does the same for a photograph without depth.
-
-perspective
-  --intrinsics unprojects the picture: it moves every pixel to its position in space, and the
-  display shows the pixels there. At the distance --frame-at, the picture fits the lens array.
-  --orthographic omits this step.
-  Straight lines stay straight with --intrinsics and linear depth, or with --orthographic and
-  reciprocal depth.
+  Give only the file. It is treated as taken with parallel rays; with --intrinsics
+  photo, it is unprojected with the camera parameters in the file.
 """
 
 
@@ -65,8 +57,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         "Gaussian splats (see inim new-scene), lit and fitted to the display; or a scene (.xml); "
         "both are rendered with -D inim.capture_spp=N samples per pixel",
     )
-    add_shared(parser, "up", "front")
-    add_picture(parser)
     out = "EIA to write, .png or .exr (default: INPUT-eia.png); a folder if INPUT is one"
     algorithms = (
         "one algorithm with options, such as template:samples=1; see `inim info algorithms` "
@@ -74,11 +64,6 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
     )
     shared = ("display", "definitions", "open")
     add_shared(parser, *shared, out=out, algorithms=algorithms)
-    add(
-        "--all-views",
-        action="store_true",
-        help="light field: use all views instead of the centre view",
-    )
     add(
         "--fill",
         help="holes to fill: none, hidden (behind a nearer surface), all, or auto (default: the "
@@ -91,6 +76,13 @@ def _add_arguments(parser: argparse.ArgumentParser) -> None:
         metavar="FILE",
         help="also write the fitted colour and depth as .exr",
     )
+    add_picture(parser)
+    add(
+        "--all-views",
+        action="store_true",
+        help="light field: use all views instead of the centre view",
+    )
+    add_shared(parser, "up", "front")
 
 
 def _run(args: argparse.Namespace) -> int:

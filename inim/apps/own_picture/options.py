@@ -24,8 +24,8 @@ class PictureOptions:
     estimate_depth: str | None = None
     #: unit of --depth, required: mm, cm, m, none, or a number of units per metre, such as 5000
     depth_unit: str | None = None
-    #: camera parameters fx,fy,cx,cy in pixels of the colour picture; or `photo`: read them from the
-    #: photograph
+    #: move every pixel to its position in space by the camera parameters fx,fy,cx,cy, in pixels of
+    #: the colour picture; or `photo`: by those in the photograph
     intrinsics: str | None = None
     orthographic: bool = False  #: treat the picture as taken with parallel rays
     #: mapping of depth to the display: linear, reciprocal (Li 2012), or printed (Eq. 4 of Wang 2024
