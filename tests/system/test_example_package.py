@@ -105,7 +105,10 @@ def test_sweep_has_columns_of_its_metric(tmp_path, installed):
 @pytest.mark.parametrize(
     ("code", "words"),
     [
-        ("raise ImportError('no such\\nweights')", ["cannot be loaded", "no such weights"]),
+        (
+            "raise ImportError('no such\\nweights')",
+            ["cannot be loaded", "no such weights; update or uninstall"],
+        ),
         (
             "from inim.scores.metrics import Metric\n"
             "metric = Metric('bad', lambda a, b: a.no_such, tolerance=0.01)",

@@ -95,7 +95,7 @@ def test_a_broken_file_of_a_folder_is_named_and_the_others_are_generated(tmp_pat
             "--pdf: does not apply to a folder of photographs",
         ),
         (["phone", "-o", "o", "--display", "wall"], "wall"),
-        (["empty", "-o", "o"], "empty: no photograph in it"),
+        (["empty", "-o", "o"], "empty: no photograph in it; give a folder with some"),
         (["phone/a.jpg", "--depth-unit", "m"], "--depth-unit: does not apply to a photograph"),
         (["phone/a.jpg", "--intrinsics", "photo"], "contains no camera"),
         (

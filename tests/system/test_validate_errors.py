@@ -165,7 +165,7 @@ def refused(
         ('<shape type="sphere"><float name="radios" value="1"/></shape>', {}, "radios"),
         (sphere((0, 0, 0), float("nan")), {}, "no finite bounding box"),
         (sphere((float("inf"), 0, 0), 1), {}, "no finite bounding box"),
-        (sphere((0, 0, 0), 0), {}, "no width or height"),
+        (sphere((0, 0, 0), 0), {}, "no width or height to fit; check its transforms"),
         (MESH, {"a.ply": PLY}, "refers to vertex 7"),
         (TEXTURED.format("a.png"), {"a.png": "no picture"}, "a.png"),
         (TEXTURED.format("a.jpg"), {"a.jpg": "\xff\xd8\xff\xe0" + "\0" * 30}, "picture"),

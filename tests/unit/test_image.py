@@ -132,5 +132,5 @@ def test_pictures_that_are_not_comparable_are_refused(scorer):
         scorer(a, a[:8])
     b = a.copy()
     b[3, 3] = np.nan
-    with pytest.raises(UsageError, match="1 pixels that are not finite"):
+    with pytest.raises(UsageError, match="1 pixels that are not finite; replace them"):
         scorer(a, b)

@@ -225,7 +225,7 @@ def test_a_display_is_written_as_a_file_with_the_same_views(document, tmp_path):
         assert again.gap_mm == pytest.approx(display.gap_mm, rel=1e-12)
     values = LookingGlass.of(display)
     assert values.center == pytest.approx(document["center"]["value"], abs=1e-9)
-    with pytest.raises(DisplayError, match="for slanted lenticulars"):
+    with pytest.raises(DisplayError, match=r"for slanted lenticulars; save it as \.xml"):
         DISPLAYS["nominal"].save(tmp_path / "nominal.json")
 
 
@@ -253,7 +253,7 @@ def test_a_lenticular_has_defaults_of_its_own_that_a_scene_does_not_override(tmp
         ({"pitch": {"value": math.nan}}, "pitch = nan: must be from 1 to 1000"),
         ({"slope": {"value": 0.5}}, "slope = 0.5: must be at least 1"),
         ({"screenW": {"value": 0.5}}, "screenW = 0.5: must be from 1"),
-        ({"screenW": {"value": 9.5}}, "whole numbers of pixels"),
+        ({"screenW": {"value": 9.5}}, "screenW = 9.5, screenH = "),
         ({"flipSubp": {"value": 1}}, "flipSubp = 1 is not supported"),
         ({"CellPatternMode": 7}, "CellPatternMode = 7: must be 0 to 4"),
         ({"subpixelCells": 3}, "subpixelCells is no list"),
@@ -384,6 +384,8 @@ def test_a_native_picture_takes_each_subpixel_from_its_view_of_a_quilt(document,
     command = ["export", str(plain), "--native", str(out), "--display", str(path)]
     assert main(command) == 2
     assert "give --tiles COLSxROWS" in capsys.readouterr().err
+    assert main([*command, "--tiles", "999x1"]) == 2
+    assert "fewer than 999 x 1 tiles; correct --tiles" in capsys.readouterr().err
     assert main([*command, "--tiles", "8x6"]) == 0
     assert main([*command, "--tiles", "8x6", "--aspect", "0.8889"]) == 0
     with Image.open(out) as picture:

@@ -117,7 +117,7 @@ def test_transparent_pixels_have_no_surface(tmp_path, mode):
 def test_a_transparent_picture_is_refused(tmp_path):
     Image.new("RGBA", SHAPE[::-1]).save(tmp_path / "c.png")
     np.save(tmp_path / "d.npy", DEPTH)
-    with pytest.raises(FileError, match=r"all of its pixels are transparent"):
+    with pytest.raises(FileError, match=r"pixels are transparent; save it without transparency"):
         picture(color=tmp_path / "c.png", depth=tmp_path / "d.npy")
 
 
