@@ -211,6 +211,7 @@ class AlgorithmResult(Part):
     #: Share of the panel pixels with light in the ground-truth EIA that this EIA leaves black, 0 to
     #: 1; null: not computed, as with `--lazy`.
     unlit_fraction: float | None = None
+    terms: str = ""  #: Rays per panel pixel and their colour, in words; empty: no generator.
 
 
 class ScoreDifference(Part):

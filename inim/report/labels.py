@@ -122,6 +122,23 @@ def shares_of_possible(data: ReportDocument) -> dict[str, float]:
     return dict(sorted(shares.items(), key=lambda item: -item[1]))
 
 
+def usual_terms(terms: Mapping[str, str]) -> str:
+    """The most frequent rays and colours of algorithms (`AlgorithmResult.terms`)."""
+    return max(terms.values(), key=[*terms.values()].count, default="")
+
+
+def unequal_terms(terms: Mapping[str, str]) -> list[str]:
+    """Line on algorithms with other rays or colours than the usual ones; none if all are equal."""
+    usual = usual_terms(terms)
+    unequal = [f"{name} ({text})" for name, text in terms.items() if text != usual]
+    return [f"unequal: {', '.join(unequal)}; all others have {usual}"] * bool(unequal)
+
+
+def unequal_algorithms(data: ReportDocument) -> list[str]:
+    """`unequal_terms` of a report's generators."""
+    return unequal_terms({n: result.terms for n, result in data.algorithms.items() if result.terms})
+
+
 def score(scores: Mapping[str, Any], key: str) -> str:
     """One of `scores` with the digits of its metric; ``hole_fraction`` in per cent.
 

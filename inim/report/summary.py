@@ -37,6 +37,7 @@ from inim.report.labels import (
     score,
     shares_of_possible,
     suggested_criteria,
+    unequal_algorithms,
     verdict_words,
 )
 from inim.report.page import element, text, text_table
@@ -75,7 +76,7 @@ def render_summary(data: ReportDocument, out: Path | None = None) -> str:
         *preview,
         _scores_table(data),
         named(data, _MEANING),
-        *(f"{markdown_text(line, _LONGEST_SENTENCE)}." for line in _possible_lines(data)),
+        *(f"{markdown_text(line, _LONGEST_SENTENCE)}." for line in _note_lines(data)),
         *criteria,
         *_failures(data),
     ]
@@ -107,14 +108,14 @@ def score_lines(data: ReportDocument) -> list[str]:
             lines += aligned(block)
             block = [first]
         block.append(cells)
-    return [*lines, *aligned(block), *_possible_lines(data)]
+    return [*lines, *aligned(block), *_note_lines(data)]
 
 
-def _possible_lines(data: ReportDocument) -> list[str]:
-    """Line with the algorithms' `shares_of_possible`; none without `optimal`."""
+def _note_lines(data: ReportDocument) -> list[str]:
+    """Lines on unequal algorithms and with the `shares_of_possible`, if there are any."""
     shares = shares_of_possible(data).items()
     cells = ", ".join(f"{name} {per_cent(share, 0)}" for name, share in shares)
-    return [f"share of what is possible: {cells}"] * bool(cells)
+    return [*unequal_algorithms(data), *[f"share of what is possible: {cells}"] * bool(cells)]
 
 
 def render_table(data: ReportDocument, link: str) -> str:
@@ -123,7 +124,10 @@ def render_table(data: ReportDocument, link: str) -> str:
     link_to_page = element("a", "report", href=link, target="_blank")
     verdict = text(f"{data.title}: {verdict_words(data)}")
     caption = named(data, _SCORE_WORDS)
-    return element("p", verdict, "; ", link_to_page) + text_table(caption, heads, rows)
+    notes = [element("p", text(line)) for line in _note_lines(data)]
+    return "".join(
+        [element("p", verdict, "; ", link_to_page), text_table(caption, heads, rows), *notes]
+    )
 
 
 def _score_columns(data: ReportDocument) -> list[list[str]]:

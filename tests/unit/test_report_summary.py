@@ -19,7 +19,13 @@ from inim.report.labels import (
     verdict_words,
 )
 from inim.report.sections.overview import scores_section
-from inim.report.summary import render_junit, render_summary
+from inim.report.summary import (
+    markdown_text,
+    render_junit,
+    render_summary,
+    render_table,
+    render_text,
+)
 from tests.schemas import report_document
 
 HOSTILE = "<script>alert(1)</script> | `x` *b* [a](b)\n# 双耳陶罐 \x00"
@@ -90,6 +96,21 @@ def test_summary_of_a_picture_has_the_columns_of_its_page():
     page = scores_section(data, ReportImages(Path(), ENCODINGS[0]))
     heads = re.findall("([A-Z][a-z ]+)</abbr>", page)
     assert heads == [head.capitalize() for head in table["algorithm"][2:]]
+
+
+def test_unequal_rays_are_named_below_every_table_of_scores():
+    def forms(**terms: str) -> list[str]:
+        views = report_data()["algorithms"]["template"]
+        data = report(algorithms={name: views | {"terms": t} for name, t in terms.items()})
+        page = scores_section(data, ReportImages(Path(), ENCODINGS[0]))
+        return [page, render_text(data), render_table(data, ""), render_summary(data)]
+
+    smooth, nearest = "4 rays, smooth", "1 ray, nearest"
+    line = f"unequal: template ({smooth}); all others have {nearest}"
+    *plain, summary = forms(gu2020=nearest, template=smooth, wang2024=nearest, mine="")
+    assert all(line in text for text in plain)
+    assert markdown_text(line) in summary
+    assert "unequal" not in "".join(forms(gu2020=nearest, wang2024=nearest, mine=""))
 
 
 def test_hostile_names_neither_format_nor_break_the_table():

@@ -3,7 +3,6 @@
 `inim.pipeline.validate` evaluates the algorithms: scores are without noise and have intervals.
 """
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from statistics import fmean
@@ -21,9 +20,8 @@ from inim.apps.bench.document import (
 from inim.apps.bench.front import WRONG_SOURCE, Entry, fronts
 from inim.apps.bench.memory import peak_memory
 from inim.display import Display
-from inim.generators import SourceGenerator, parse_algorithm
+from inim.generators import SourceGenerator
 from inim.generators.oracle import ExactHits, exact_hits, lensed_pixels, why_no_oracle
-from inim.generators.steps import RayGenerator
 from inim.image.color import srgb_from_linear, srgb_to_uint8
 from inim.image.rgbd import RGBD
 from inim.pipeline.evaluation import Evaluation
@@ -42,6 +40,7 @@ from inim.pipeline.timing import (
     time_methods,
 )
 from inim.pipeline.validate import evaluate
+from inim.report.labels import unequal_terms, usual_terms
 from inim.scores import metrics
 from inim.scores.document_parts import DisplayRecord, PictureShape
 from inim.scores.regression.scores import INTERVAL_LEVEL, ScoreEstimate
@@ -137,15 +136,12 @@ def bench_scene(plan: Plan, size: str, rounds: Rounds, observer: Observer) -> Be
         )
         for m in methods
     }
-    terms = {method.name: terms_of(method) for method in methods}
-    usual_terms = Counter(terms.values()).most_common(1)[0][0]
+    terms = {name: result.scores.terms for name, result in evaluation.results.items()}
     warnings = warn_of_others(others)
     warnings += [f"wrong sources are not counted: {no_oracle}"] if no_oracle else []
     warnings += [f"{c.name}: a check failed" for c in evaluation.checks if c.fails_run]
     warnings += evaluation.warnings
-    unequal = [f"{name} ({text})" for name, text in terms.items() if text != usual_terms]
-    if unequal:
-        warnings.append(f"unequal: {', '.join(unequal)}; all others have {usual_terms}")
+    warnings += unequal_terms(terms)
     for method in methods:
         warnings += warn_of_cold_start(method.name, times[method.name])
         warnings += warn_of_other_work(method, eias.by_name[method.name])
@@ -157,7 +153,7 @@ def bench_scene(plan: Plan, size: str, rounds: Rounds, observer: Observer) -> Be
             BenchAlgorithm(
                 name=method.name,
                 terms=terms[method.name],
-                is_equal=terms[method.name] == usual_terms,
+                is_equal=terms[method.name] == usual_terms(terms),
                 prepare_s=method.prepare_s,
                 **timing.as_data(),
                 time_ms=Estimate.of(*mean_ratio(timing), 1e3),
@@ -230,14 +226,6 @@ def _estimates(entry: Entry) -> dict[str, Estimate]:
         value, low, high = (fmean(values) for values in zip(*of_views, strict=True))
         estimates[key] = Estimate.of(value, (low, high))
     return estimates
-
-
-def terms_of(method: TimedMethod) -> str:
-    """Rays per panel pixel and their colour, in words."""
-    if not isinstance(method.generator, RayGenerator):
-        return "rays not stated"
-    rays = len(method.generator.rays)
-    return f"{rays} ray{'s' * (rays > 1)}, {parse_algorithm(method.name).common.colour}"
 
 
 # A first run that takes so many times as long as any other is a cold start.

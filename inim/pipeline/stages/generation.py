@@ -21,7 +21,7 @@ from inim.generators import (
     parse_algorithm,
     prepare,
 )
-from inim.generators.steps import RayGenerator
+from inim.generators.steps import RayGenerator, sample_points
 from inim.image.noisy_image import REPLICATES, NoisyEIA, pseudo_values
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.capture import Capture, CapturedInput, PictureSource
@@ -47,7 +47,7 @@ class GeneratedEIA:
     The noise of the EIA is half the difference of the EIAs of the input's half images; its values
     may be not finite. `seconds` and `hole_fraction`, the share of the lensed panel pixels that are
     holes, are None if unknown. Only generators of whole EIAs have a reference output. `remark` is a
-    warning for the report.
+    warning for the report, and `terms` are those of `AlgorithmResult`.
     """
 
     eia: NoisyEIA
@@ -55,6 +55,7 @@ class GeneratedEIA:
     hole_fraction: float | None
     reference_output: ReferenceOutput | None = None
     remark: str = ""
+    terms: str = ""
 
 
 class GeneratorRun(NamedTuple):
@@ -103,6 +104,15 @@ class GeneratorHandle:
             pixel_mm=self.pixel_mm,
             mask=self.mask,
         )
+
+    @property
+    def terms(self) -> str:
+        """Rays per panel pixel and their colour, in words."""
+        if not (self.algorithm.finds_rays or isinstance(self.generator, RayGenerator)):
+            return "rays not stated"
+        common = self.algorithm.common
+        rays = len(sample_points(self.display, common.samples))
+        return f"{rays} ray{'s' * (rays > 1)}, {common.colour}"
 
     def masked(self, mask: np.ndarray) -> GeneratorHandle:
         """The same generator, restricted to some of its panel pixels."""
@@ -228,7 +238,7 @@ def prepare_generator(
             output = generate(generator, capture, observed, run=run)
         else:
             output = generate.function(generator, capture, observed)
-        return replace(output, reference_output=reference)
+        return replace(output, reference_output=reference, terms=generator.terms)
 
     return generate_from
 

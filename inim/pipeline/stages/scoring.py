@@ -152,6 +152,7 @@ def score_method(
             precision=precision,
             seconds=output.seconds,
             unlit_fraction=_unlit_fraction(eia.image, truth) if truth.is_whole else None,
+            terms=output.terms,
         )
         scores = {f"{name}/{viewpoint}": s for viewpoint, s in scores_by_view.items()}
         statistics = Statistics(tiles.result(), scores, fingerprints, light.result())

@@ -23,6 +23,7 @@ from inim.report.labels import (
     score,
     score_keys,
     shares_of_possible,
+    unequal_algorithms,
 )
 from inim.report.page import element, figure, lead, radio, table, text
 from inim.report.sections import ReportSection
@@ -130,7 +131,7 @@ def scores_section(data: ReportDocument, images: ReportImages) -> str:  # noqa: 
     scores = _scores(data, _metrics(data))
     above_floor = _ABOVE_FLOOR if _MARK in scores else ""
     note = element("p", text(named(data, _NOTE) + above_floor), link, class_="note")
-    others = [lead(line, "note") for line in disagreements(data)]
+    others = [lead(line, "note") for line in (*unequal_algorithms(data), *disagreements(data))]
     metrics = _metrics(data)
     first = _COMPARISONS[0]
     compare = [
