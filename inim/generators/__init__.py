@@ -244,8 +244,10 @@ def generate(
         One of `algorithm_names`, optionally with options: ``"template:samples=4"``.
     out : array, optional
         Array for the result.
+    mask : (rows, columns) bool, optional
+        Panel pixels to generate; see `inim.generators.prepare`.
     **options
-        Options of the algorithm; see `prepare`.
+        Options of the algorithm, such as ``samples=4``; see `inim.generators.prepare`.
 
     Returns
     -------

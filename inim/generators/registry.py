@@ -299,6 +299,11 @@ def parse_algorithm(text: str | Algorithm, **options: Any) -> Algorithm:
     """
     if isinstance(text, Algorithm):
         return text.choose({**dict(text.chosen_options), **options}) if options else text
+    if not isinstance(text, str):
+        raise UsageError(
+            f"algorithm: is a {type(text).__name__}; give a name, and options as keywords, such as "
+            'generate(..., "gu2020", samples=4)'
+        )
     name, stated_options = split_algorithm(text)
     return choose_algorithm(name, {**stated_options, **options})
 

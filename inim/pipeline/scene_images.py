@@ -26,7 +26,7 @@ from inim.pipeline.stages.capture import DepthCamera, capture_nonempty
 from inim.pipeline.stages.reconstruction import DisplayViews
 from inim.pipeline.stages.scene import describe_scene
 from inim.pipeline.stages.stage import Run
-from inim.system.errors import naming
+from inim.system.errors import UsageError, naming
 from inim.system.plugins import PluginModule
 from inim.system.process.observer import Observer
 from inim.system.worker.supervisor import run_in_worker
@@ -40,7 +40,7 @@ def capture(scene: str | Path, display: Display | str | Path | None = None, **op
     """Render the RGB-D picture of a scene, the input of the algorithms.
 
     It has the same pixels as in `inim.validate` if samples and seed are equal, which the scene or
-    `definitions` state: ``{"inim.capture_spp": 64}``.
+    `definitions` state: ``{"inim.capture_spp": 64, "inim.seed": 3}``.
 
     Parameters
     ----------
@@ -68,6 +68,9 @@ def render_eia(
     scene: str | Path, display: Display | str | Path | None = None, **options: Any
 ) -> np.ndarray:
     """Render the ground-truth EIA of a scene: path traced through every lens centre.
+
+    With equal samples, seed and viewpoints (``"inim.viewpoints"``), panel pixels that a viewpoint
+    observes are those of `inim.validate`, which may take fewer samples in the others.
 
     Parameters
     ----------
@@ -132,9 +135,15 @@ def _render(
     backend: str = "auto",
     allow_folders: str | Path | Sequence[str | Path] = (),
     plugins: str | Sequence[str] = (),
+    **unknown: Any,
 ) -> Any:
     from inim.system.process.locked_folder import locked_folder  # POSIX only, as the renderer
 
+    for name in unknown:
+        raise UsageError(
+            f"{name}: is no argument; give definitions, backend, allow_folders or plugins. "
+            'definitions contain settings: definitions={"inim.seed": 3}'
+        )
     path = path_of("scene", scene)
 
     def make_request() -> tuple[Plan, Render]:

@@ -91,9 +91,13 @@ class ScoreTable:
         return text_table("Scores with 95 % intervals", [*_NAMES, *self.scores], rows)
 
     def to_pandas(self) -> Any:
-        """A pandas DataFrame; needs the package pandas."""
-        import pandas
-
+        """A pandas DataFrame. Raises `UsageError` without the package pandas."""
+        try:
+            import pandas
+        except ModuleNotFoundError:
+            raise UsageError(
+                "to_pandas needs pandas, which is not installed: pip install pandas"
+            ) from None
         return pandas.DataFrame(self.rows)
 
     def to_csv(self) -> str:

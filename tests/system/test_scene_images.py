@@ -12,7 +12,7 @@ import pytest
 import inim
 from inim.image.files.image import read_exr_channels
 from inim.pipeline import scene_images
-from inim.system.errors import InimError
+from inim.system.errors import InimError, UsageError
 from tests.conftest import small_display, sphere, square
 from tests.system.conftest import without_page, worker_here, write_scene
 
@@ -108,6 +108,12 @@ def test_mistakes_in_arguments_are_one_line(arguments, says):
     with pytest.raises(InimError, match=says) as raised:
         inim.render_view(*arguments)
     assert "\n" not in str(raised.value)
+
+
+def test_a_setting_as_an_argument_is_refused_with_the_definition():
+    for render in (inim.capture, inim.render_eia, inim.render_view):
+        with pytest.raises(UsageError, match=r'^seed: .*definitions=\{"inim.seed": 3\}$'):
+            render("x.xml", seed=3)
 
 
 def test_requests_can_be_sent_to_a_worker():

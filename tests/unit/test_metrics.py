@@ -104,6 +104,13 @@ def test_announced_objects_must_be_metrics_of_that_name(announce, registered, wo
         metrics.all_metrics()
 
 
+@pytest.mark.parametrize("wrong", [0, 1])
+def test_integers_are_refused_with_the_conversion(wrong):
+    images = [np.zeros((16, 16, 3), np.uint8 if n == wrong else np.float32) for n in range(2)]
+    with pytest.raises(UsageError, match=r"(reference|test) image is uint8; .*linear_from_srgb"):
+        metrics.score(*images)
+
+
 def halves(rng: np.random.Generator, image: np.ndarray, noise: float) -> NoisyImage:
     return NoisyImage.from_halves(
         *((image + rng.normal(0, noise, image.shape)).astype(np.float32) for _ in range(2))

@@ -53,6 +53,11 @@ def test_properties_of_our_own_load_no_compiler_and_no_renderer():
     assert run_python(code) == "[]"
 
 
+def test_options_in_a_mapping_are_refused_with_the_keyword_form():
+    with pytest.raises(UsageError, match=r'is a dict; .*generate\(..., "gu2020", samples=4\)'):
+        parse_algorithm({"gu2020": {"samples": 4}})
+
+
 def test_what_our_own_state():
     assert {n for n in OWN if parse_algorithm(n).exact} == {"template", "layered", "cameras"}
     assert {n for n in OWN if parse_algorithm(n).portable} == {"template"}

@@ -3,6 +3,7 @@
 import csv
 import io
 import math
+import sys
 from pathlib import Path
 
 import msgspec
@@ -42,6 +43,12 @@ def test_rows_have_values_and_ends_of_intervals():
     )  # fmt: skip
     assert rows["template", "centre"][f"{HEADLINE}_low"] is None
     assert next(iter(csv.DictReader(io.StringIO(table.to_csv()))))[HEADLINE] == "0.95"
+
+
+def test_a_missing_pandas_is_an_error_with_the_remedy(monkeypatch):
+    monkeypatch.setitem(sys.modules, "pandas", None)
+    with pytest.raises(UsageError, match="pip install pandas"):
+        report(template=(0.95, 0.9)).table(HEADLINE).to_pandas()
 
 
 def test_notebook_shows_all_rows_with_their_intervals():

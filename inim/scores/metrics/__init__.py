@@ -147,6 +147,9 @@ def score(
 ) -> dict[str, float]:
     """Score an image by every installed metric.
 
+    Scores are plain: the noise of rendered images lowers them. Those of `inim.validate` are
+    corrected for noise; `plain` in its `precision` has the plain scores.
+
     Parameters
     ----------
     reference, test : (rows, columns, 3) float32 array
@@ -165,7 +168,7 @@ def score(
     Raises
     ------
     UsageError
-        Images that differ in shape or contain values that are not finite.
+        Images that differ in shape, are integers or contain values that are not finite.
     """
     maps = score_maps(reference, test, viewing=viewing)
     metrics = [metric for metric in all_metrics() if metric.key in maps]

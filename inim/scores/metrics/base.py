@@ -342,13 +342,18 @@ def _position_within(window: _Window, outer: _Window) -> _Window:
 
 
 def check_images(reference: np.ndarray, test: np.ndarray) -> None:
-    """Raise `UsageError` unless two images have the same shape, three colours and finite values."""
+    """Raise `UsageError` unless two images are floats of one shape, with three finite colours."""
     if reference.shape != test.shape or reference.ndim != 3 or reference.shape[2] != 3:
         raise UsageError(
             f"images of shape {reference.shape} and {test.shape} cannot be compared; "
             "both must be (rows, columns, 3)"
         )
     for name, image in (("reference", reference), ("test", test)):
+        if not np.issubdtype(image.dtype, np.floating):
+            raise UsageError(
+                f"the {name} image is {image.dtype}; give linear RGB as floats: convert 8-bit sRGB "
+                "with inim.image.color.linear_from_srgb(image[..., :3] / 255)"
+            )
         count = 0
         for band in row_bands(*image.shape[:2]):
             finite = np.isfinite(image[band])
