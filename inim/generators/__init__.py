@@ -227,6 +227,7 @@ def generate(
     algorithm: str | Algorithm = DEFAULT,
     *,
     out: np.ndarray | None = None,
+    mask: np.ndarray | None = None,
     **options: Any,
 ) -> np.ndarray:
     """Generate the elemental image array of a picture, with the dtype of its colour.
@@ -265,7 +266,8 @@ def generate(
     if isinstance(rgbd, CameraRGBDs):
         rgbd = merge_cameras(rgbd, display)
     _check_picture(rgbd, display)
-    generator = prepare(display, algorithm, shape=rgbd.shape, pixel_mm=rgbd.pixel_mm, **options)
+    shape, pixel_mm = rgbd.shape, rgbd.pixel_mm
+    generator = prepare(display, algorithm, shape=shape, pixel_mm=pixel_mm, mask=mask, **options)
     return generator.generate(rgbd, out)
 
 
