@@ -176,13 +176,13 @@ class Algorithm:
                     f"algorithm {self.name!r} has no option {key!r}; its options are "
                     f"{', '.join(every)}; {suggest_words(key, every, 'use one of these')}"
                 )
-        options = choose_options(self.options, own, self.name) if self.finds_rays else own
+        chosen_algorithm = replace(self, chosen_options=tuple(chosen_values.items()))
+        with chosen_algorithm.errors():
+            options = choose_options(self.options, own, self.name) if self.finds_rays else own
         chosen = choose_options(self.common, common, self.name)
         if chosen.colour == "nearest" and "fill" not in common:
             chosen = replace(chosen, fill="none")  # the plain form shows its sources only
-        chosen_algorithm = replace(
-            self, options=options, common=chosen, chosen_options=tuple(chosen_values.items())
-        )
+        chosen_algorithm = replace(chosen_algorithm, options=options, common=chosen)
         if self.reads is CameraRGBDs:
             camera_directions(str(chosen_algorithm.input))
         return chosen_algorithm

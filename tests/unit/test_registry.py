@@ -1,11 +1,19 @@
 """Properties of an algorithm are in its own file and are read without loading it."""
 
+from dataclasses import dataclass
 from importlib.metadata import EntryPoint
 from types import SimpleNamespace
 
 import pytest
 
-from inim.generators import algorithm, algorithm_names, is_own, parse_algorithm, registry
+from inim.generators import (
+    algorithm,
+    algorithm_names,
+    is_own,
+    option,
+    parse_algorithm,
+    registry,
+)
 from inim.image.rgbd import RGBD, LayeredRGBD
 from inim.system import plugins
 from inim.system.errors import UsageError
@@ -23,12 +31,24 @@ def prepare_stated(display, shape, pixel_mm, *, mask=None, slow="no"):
     """Generator with properties."""
 
 
+@dataclass(frozen=True)
+class Declared:
+    z_mm: float = option(10.0, "depth", lambda name, value: float(value))
+
+
+@algorithm(Declared)
+def prepare_rays(rays, options):
+    """Rays with a declared option."""
+
+
 @pytest.fixture
 def announced(monkeypatch):
-    """Two algorithms of another package."""
+    """Three algorithms of another package."""
     points = [
-        EntryPoint(name, f"{__name__}:prepare_{name}", registry._ENTRY_POINTS)
-        for name in ("plain", "stated")
+        EntryPoint(name, f"{__name__}:prepare_{name}", registry._ENTRY_POINTS)._for(
+            SimpleNamespace(name="theirs")
+        )
+        for name in ("plain", "rays", "stated")
     ]
 
     def entry_points(*, group, name=None):
@@ -69,7 +89,7 @@ def test_what_our_own_state():
 
 @pytest.mark.usefixtures("announced")
 def test_another_package_states_its_properties_or_does_not():
-    assert algorithm_names() == [*OWN, "plain", "stated"]
+    assert algorithm_names() == [*OWN, "plain", "rays", "stated"]
     plain, stated = parse_algorithm("plain:brightness=2"), parse_algorithm("stated:slow=yes")
     assert not (plain.own or plain.exact or plain.takes_mask)
     assert plain.reads is RGBD
@@ -77,6 +97,13 @@ def test_another_package_states_its_properties_or_does_not():
     assert stated.exact and stated.color == "#123456" and stated.takes_mask
     assert not stated.own
     assert registry.algorithm_summary("stated") == ("stated:slow=no", "Generator with properties.")
+
+
+@pytest.mark.usefixtures("announced")
+def test_an_invalid_option_of_another_package_is_a_usage_error_that_names_it():
+    expected = "'rays:z_mm=abc' of package theirs failed: ValueError: could not convert string"
+    with pytest.raises(UsageError, match=expected):
+        parse_algorithm("rays:z_mm=abc")
 
 
 def test_properties_of_an_unknown_algorithm_are_refused():
