@@ -3,13 +3,15 @@
 Expected: the noise of different replicates is uncorrelated, so that of their mean has a K-th of
 the variance; their mean is the image; replicates of an EIA are those of the observed pixels, and do
 not depend on the pixels around; a generator's are its EIAs of the capture's parts, without the
-bias of interpolation in square roots of light.
+bias of interpolation in square roots of light. Another package's generator has them as well if its
+sources do not depend on the noise.
 """
 
 import numpy as np
 import pytest
 
 from inim.display import Viewpoint
+from inim.generators import Algorithm, SourceGenerator, find_sources
 from inim.generators import generate as generate_once
 from inim.image.noisy_image import REPLICATES, NoisyEIA, split_samples
 from inim.image.rgbd import RGBD
@@ -138,23 +140,50 @@ def test_few_samples_give_halves_alone(fitted):
     assert true_view(fitted, DISPLAY, eye, pixels_per_lens=5, **samples)[0].replicates is None
 
 
-@pytest.mark.parametrize("algorithm", ["template", "template:samples=1:colour=nearest", "gu2020"])
-def test_a_generator_s_replicates_are_its_eias_of_the_capture_s_parts(algorithm):
+def noisy_capture() -> CapturedInput:
+    """A step in depth with noise of 0.05 in the colours of each part."""
     random, shape, pixel_mm = np.random.default_rng(1), DISPLAY.capture_shape(4), 0.25
     depth = np.full(shape, 20, np.float32)
     depth[:, : shape[1] // 2] = 8
     colours = np.float32(0.5) + np.float32(0.05) * random.normal(0, 1, (REPLICATES, *shape, 3))
     covered = np.ones(shape, bool)
-    parts = tuple(RGBD(c.astype(np.float32), depth, covered, pixel_mm) for c in colours)
-    mean = RGBD(np.mean([part.color for part in parts], axis=0), depth, covered, pixel_mm)
-    mask, handle = observed_pixels(), GeneratorHandle(algorithm, DISPLAY, shape, pixel_mm)
-    capture = Capture(None, {RGBD: CapturedInput(mean, parts)})
-    eia = generate.function(handle, capture, mask).eia
+    return CapturedInput.of([RGBD(c.astype(np.float32), depth, covered, pixel_mm) for c in colours])
+
+
+def generated(algorithm: str | Algorithm, captured: CapturedInput) -> NoisyEIA:
+    rgbd = captured.rgbd
+    handle = GeneratorHandle(algorithm, DISPLAY, rgbd.shape, rgbd.pixel_mm)
+    return generate.function(handle, Capture(None, {RGBD: captured}), observed_pixels()).eia
+
+
+@pytest.mark.parametrize("algorithm", ["template", "template:samples=1:colour=nearest", "gu2020"])
+def test_a_generator_s_replicates_are_its_eias_of_the_capture_s_parts(algorithm):
+    captured, mask = noisy_capture(), observed_pixels()
+    eia = generated(algorithm, captured)
     assert isinstance(eia, NoisyEIA)
-    of_parts = np.stack([generate_once(part, DISPLAY, algorithm)[mask] for part in parts])
+    of_parts = np.stack([generate_once(p, DISPLAY, algorithm)[mask] for p in captured.parts])
     if "nearest" in algorithm:
         assert np.array_equal(eia.observed, of_parts)
     # The variance of a root is 0.05^2 / (4 * 0.5); the EIA's part of it is at most that.
     np.testing.assert_allclose(eia.observed, of_parts, atol=0.02)
     assert eia.observed.mean() == pytest.approx(0.5, abs=3e-4)
     assert np.abs(eia.observed.mean(axis=0) - eia.image[mask]).mean() < 0.05**2 / 2 / REPLICATES
+
+
+@pytest.mark.parametrize("follows", ["depth", "colour", "chance"])
+def test_another_package_s_eia_has_replicates_if_its_sources_ignore_the_noise(follows):
+    random, captured = np.random.default_rng(2), noisy_capture()
+
+    class Theirs(SourceGenerator):
+        def find(self, rgbd):
+            sources = find_sources(rgbd, self.display, "gu2020")
+            moved = {"depth": 0, "colour": rgbd.color[0, 0, 0] * 1e6, "chance": random.integers(99)}
+            return np.where(sources >= 0, (sources + int(moved[follows])) % rgbd.depth_mm.size, -1)
+
+    eia = generated(Algorithm("theirs", Theirs, options={}), captured)
+    if follows == "depth":
+        expected = generated("gu2020:colour=nearest", captured)
+        assert np.array_equal(eia.observed, expected.observed)
+        assert np.array_equal(eia.noise, expected.noise)
+    else:
+        assert eia.observed is None and eia.noise.any()

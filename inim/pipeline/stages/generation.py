@@ -120,9 +120,7 @@ class GeneratorHandle:
 
     def run(self, rgbd: RGBD, *, holes: bool = True) -> GeneratorRun:
         """Run the generator (`run_generator`)."""
-        run = run_generator(self.generator, rgbd, self.mask, holes)
-        # Sources of another package's generator may depend on the colours.
-        return run if self.algorithm.own else run._replace(sources=None)
+        return run_generator(self.generator, rgbd, self.mask, holes)
 
     def rerun(self, rgbd: RGBD) -> GeneratorRun:
         """Run again, without the generator's messages."""
@@ -154,12 +152,17 @@ def generate(
     halves = picture.halves
     if parts is None or halves is None:
         return GeneratedEIA(NoisyEIA((eia, None)), generator.rerun(rgbd).seconds, share)
+    first_run = None
+    if sources is not None and not generator.algorithm.own:
+        # Another package's sources may depend on the colours' noise, or on random numbers.
+        first_run = generator.rerun(halves[0])
+        sources = sources if np.array_equal(sources, first_run.sources) else None
     replicates = _replicates(generator, picture, eia, sources, observed)
     if sources is not None:
         noise = colour_of(sources, halves[0])
         del sources
     else:
-        noise = generator.rerun(halves[0]).eia
+        noise = (first_run or generator.rerun(halves[0])).eia
     last_run = generator.rerun(halves[1])  # by now everything is prepared and compiled
     # In place: each of these takes 0.4 GB for an 8K panel.
     noise -= last_run.eia
@@ -178,14 +181,16 @@ def _replicates(
 
     Interpolated colours are not linear in the picture, so the EIAs of noisier parts would be darker
     than that of all. Replicates are therefore `pseudo_values` of the EIAs of all parts but one. Of
-    copied colours, they are the EIAs of the parts. None for another package's generator, which may
-    use random numbers of its own.
+    copied colours, they are the EIAs of the parts. None for another package's generator without
+    `sources`, whose EIA may depend on the noise in any way.
     """
-    if observed is None or len(picture.parts or ()) < REPLICATES or not generator.algorithm.own:
+    if observed is None or len(picture.parts or ()) < REPLICATES:
         return None
     if sources is not None:
         of_observed = sources[observed][None]
         return np.concatenate([colour_of(of_observed, part) for part in picture.parts or ()])
+    if not generator.algorithm.own:
+        return None
     masked = generator.masked(observed).generator
     without_each = (masked.generate(others)[observed] for others in picture.without_each())
     return pseudo_values(eia[observed], without_each)
