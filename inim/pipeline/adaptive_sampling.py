@@ -104,7 +104,10 @@ class Sampling:
         if self.is_last:
             run.skipped.add("samples", performed, "none", f"scores need all for +-{error}")
             return
-        reason = f"the interval of every {HEADLINE_WORDS} is within +-{error}"
+        reason = (
+            f"the mean interval of {HEADLINE_WORDS}, is within +-{error} for each of inim's own "
+            "algorithms and finished EIAs"
+        )
         run.skipped.add("samples", performed, f"{unused} more", reason)
 
 

@@ -111,7 +111,8 @@ class Evaluation:
         width = width if widths[name] < math.inf else "unknown"
         return [
             f"{name}: {HEADLINE_WORDS}, is uncertain by {width}, more than inim.score_error, "
-            f"{error:g}; set more samples than were used, inim.eia_spp and inim.capture_spp"
+            f"{error:g}; set more samples than were used, inim.eia_spp="
+            f"{self.plan.settings.eia_spp} and inim.capture_spp={self.plan.settings.capture_spp}"
         ]
 
     def _splat_warnings(self) -> list[str]:

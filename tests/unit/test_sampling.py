@@ -52,6 +52,13 @@ def test_a_run_has_one_round_of_the_usual_samples_if_scores_decide_nothing(fixed
     assert sampling.rounds == {name: (count,) for name, count in USUAL.items()}
 
 
+def test_unused_samples_are_explained_by_the_methods_that_decide():
+    run = Run()
+    Sampling.of(plan(), is_adaptive=True).record(plan(), run)
+    (row,) = run.skipped.rows
+    assert "+-0.01 for each of inim's own algorithms and finished EIAs" in row["why"]
+
+
 @pytest.mark.parametrize("excess", [1.01, 1.9, 4.1, 70.0, math.inf])
 def test_rounds_add_up_and_end_at_the_most_samples(excess):
     sampling, shares = Sampling.of(plan(), is_adaptive=True), []
