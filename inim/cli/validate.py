@@ -260,8 +260,8 @@ def _accept(args: argparse.Namespace) -> int:
 def _add_compare_arguments(parser: argparse.ArgumentParser) -> None:
     add = parser.add_argument
     parser.description = (
-        "Compare reports. Each is compared with the first report of its relic, or with the first "
-        "of all if its relic has no other. Several relics have a paired test."
+        "Compare reports. Each is compared with the first report of its title, or with the first "
+        "of all if its title has no other. Several relics have a paired test."
     )
     add("baseline", type=Path, metavar="OUT_A", help="folder of the earlier report")
     add("candidates", type=Path, nargs="+", metavar="OUT_B", help="folders of later reports")

@@ -48,11 +48,13 @@ def compare_all(reports: Sequence[Path], out: Path) -> list[Pair]:
     """Compare reports in pairs and write the results into a folder.
 
     Each report is compared with the first of its relic, or with the first of all if its relic has
-    no other. Several pairs have subfolders of `out`. Raises as `compare_reports` does.
+    no other. Several pairs have subfolders of `out`. Raises as `compare_reports` does, and
+    `UsageError` for reports of different relics.
     """
     by_title: dict[str, list[Path]] = defaultdict(list)
+    loaded = {folder: Report.load(folder) for folder in reports}
     for folder in reports:
-        by_title[Report.load(folder).data.title].append(folder)
+        by_title[loaded[folder].data.title].append(folder)
     firsts = {
         folder: group[0] if len(group) > 1 else reports[0]
         for group in by_title.values()
@@ -60,6 +62,13 @@ def compare_all(reports: Sequence[Path], out: Path) -> list[Pair]:
     }
     pairs = [(firsts[folder], folder) for folder in reports if firsts[folder] != folder]
     pairs = pairs or [(reports[0], folder) for folder in reports[1:]]
+    for before, after in pairs:
+        if _relic_names(loaded[before]).isdisjoint(_relic_names(loaded[after])):
+            raise UsageError(
+                f"{after}: is of another relic than {before}, so their scores cannot be compared; "
+                "compare two algorithms over relics with inim.compare_algorithms, or draw the "
+                "reports with inim figure"
+            )
     if len(pairs) == 1:
         [(before, after)] = pairs
         return [Pair(before, after, out, compare_reports(before, after, out))]
@@ -70,6 +79,13 @@ def compare_all(reports: Sequence[Path], out: Path) -> list[Pair]:
     text = "\n".join(f"* {line}" for line in all_lines(compared))
     write_atomically(out / "summary.md", lambda path: path.write_text(f"{text}\n", "utf-8"))
     return compared
+
+
+def _relic_names(report: Report) -> set[str]:
+    """Title, file and meshes of a report's relic; a changed relic keeps one of these."""
+    source = report.data.scene or report.data.picture
+    assert source is not None
+    return {report.data.title, Path(source.path).name, *getattr(source, "imports", ())}
 
 
 def all_lines(pairs: Sequence[Pair]) -> list[str]:

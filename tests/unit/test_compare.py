@@ -10,6 +10,7 @@ from scipy import stats
 
 from inim.display.settings import Settings
 from inim.generators import Algorithm
+from inim.pipeline import compare
 from inim.pipeline.compare import Pair, all_lines, paired_differences
 from inim.pipeline.evaluation import Evaluation
 from inim.pipeline.plan import Plan
@@ -25,6 +26,7 @@ from inim.scores.metrics import HEADLINE
 from inim.scores.regression.document import CompareDocument
 from inim.scores.regression.scores import ScoreEstimate, compare_scores, score_label
 from inim.scores.regression.verdict import judge, within
+from inim.system.errors import UsageError
 from tests.schemas import completed
 
 
@@ -70,6 +72,33 @@ def test_a_pair_that_passed_has_one_line(verdict):
     assert any(line.startswith("  changed: template/view0") for line in text) is (
         verdict == "worse"
     )
+
+
+@pytest.mark.parametrize(
+    ("title", "path", "imports", "refused"),
+    [
+        ("Jade disc", "new.xml", "other.ply: 9 triangles", False),
+        ("Disc", "old/jade.xml", "other.ply: 9 triangles", False),
+        ("Disc", "new.xml", "disc.ply: 8 triangles", False),
+        ("Bronze ibex", "ibex.xml", "ibex.ply: 7 triangles", True),
+    ],
+)
+def test_reports_of_different_relics_are_refused(monkeypatch, title, path, imports, refused):
+    def report(title: str, path: str, imports: str) -> SimpleNamespace:
+        scene = SimpleNamespace(path=path, imports=[imports])
+        return SimpleNamespace(data=SimpleNamespace(title=title, scene=scene))
+
+    reports = {
+        Path("a"): report("Jade disc", "jade.xml", "disc.ply: 8 triangles"),
+        Path("b"): report(title, path, imports),
+    }
+    monkeypatch.setattr(compare.Report, "load", reports.get)
+    monkeypatch.setattr(compare, "compare_reports", lambda *_: None)
+    if refused:
+        with pytest.raises(UsageError, match=r"b: is of another .*compare_algorithms"):
+            compare.compare_all([*reports], Path("out"))
+    else:
+        assert compare.compare_all([*reports], Path("out"))
 
 
 def compared(old: float, new: float, name: str, scored: str = "template/left") -> Check:
@@ -189,8 +218,10 @@ def test_a_package_has_its_name_whatever_its_options(monkeypatch):
 def test_an_uncertainty_above_the_limit_is_also_printed_above_it(width, warned):
     score = ScoreEstimate(0.9, 0.0, 8.0, 0.0, 0.9, (0.9 - width, 0.9 + width))
     statistics = Statistics(scores={"template/left": {HEADLINE: score}})
-    plan = SimpleNamespace(settings=Settings(score_error=0.01), by_need=("eia_spp",))
+    used = {"eia_spp": 128, "capture_spp": 256}
+    plan = SimpleNamespace(settings=Settings(score_error=0.01, **used), by_need=("eia_spp",))
     results = {"template": SimpleNamespace(statistics=statistics)}
     warnings = Evaluation._sampling_warnings(SimpleNamespace(plan=plan, results=results))
     assert len(warnings) == (warned is not None)
     assert all(f"by {warned}, more than inim.score_error, 0.01;" in text for text in warnings)
+    assert all("inim.eia_spp=128 and inim.capture_spp=256" in text for text in warnings)
