@@ -156,7 +156,8 @@ def generate(
     if sources is not None and not generator.algorithm.own:
         # Another package's sources may depend on the colours' noise, or on random numbers.
         first_run = generator.rerun(halves[0])
-        sources = sources if np.array_equal(sources, first_run.sources) else None
+        if first_run.sources is None or not np.array_equal(sources, first_run.sources):
+            sources = None
     replicates = _replicates(generator, picture, eia, sources, observed)
     if sources is not None:
         noise = colour_of(sources, halves[0])
