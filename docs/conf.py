@@ -27,12 +27,13 @@ extensions = [
     "myst_nb",
     "numpydoc",
     "sphinx.ext.autodoc",
+    "sphinx.ext.viewcode",
     "sphinx_copybutton",
     "sphinx_design",
 ]
 exclude_patterns = ["generated", "notebooks/out"]
 html_theme = "furo"
-html_title = "inim"
+html_title = f"inim {version}"
 html_static_path = ["static"]
 html_extra_path = ["generated/site"]
 html_css_files = ["site.css"]
@@ -72,6 +73,16 @@ def _display_math(translator: Any, node: nodes.math_block) -> None:
     raise nodes.SkipNode
 
 
+def _link_gallery(
+    _app: Any, _kind: str, name: str, _value: Any, _options: Any, lines: list[str]
+) -> None:
+    """Append the gallery's examples of a public name to its docstring."""
+    if links := generate.gallery_links(name, ":ref:`{} <{}>`"):
+        lines += ["", ".. rubric:: Gallery", "", links, ""]
+
+
 def setup(app: Any) -> None:
-    """Register the formulas with Sphinx."""
+    """Register the formulas and the links to the gallery with Sphinx."""
     app.add_html_math_renderer("mathml", (_math, None), (_display_math, None))
+    # After numpydoc, which divides docstrings into sections.
+    app.connect("autodoc-process-docstring", _link_gallery, priority=900)

@@ -1,4 +1,4 @@
-"""Generate the reference pages, the gallery, and the virtual display of the front page.
+"""Generate the reference pages, the gallery's cards, and the virtual display of the front page.
 
 `python docs/generate.py` writes them into docs/generated. Every build of the site does this first.
 """
@@ -14,8 +14,10 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any
 
+import yaml
 from PIL import Image
 
+import inim
 from inim.apps.sweep.table import columns_as_markdown
 from inim.cli.main import COMMANDS
 from inim.cli.schemas import NAMES, schema
@@ -24,7 +26,10 @@ from inim.pipeline.stages.method import algorithm_table
 from inim.report.view_page import view_eia
 
 sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
-from reports.gallery.page import gallery_page
+from reports.gallery.examples import cards, examples_with, read_examples
+
+#: Examples on the front page.
+_FRONT = ("first-picture", "relics", "zone")
 
 __all__ = ["write"]
 
@@ -33,12 +38,16 @@ def write(docs: Path) -> None:
     """Write every generated page below `docs`/generated."""
     folder = docs / "generated"
     folder.mkdir(exist_ok=True)
+    examples = read_examples()
     for name, text in {
         "settings.md": setting_table(),
         "commands.md": _commands(),
         "algorithms.md": f"```text\n{algorithm_table()}\n```",
         "documents.md": _documents(),
-        "gallery.md": gallery_page(docs.parent),
+        "gallery-cards.md": cards(examples),
+        "front-cards.md": cards([e for e in examples if e.name in _FRONT]),
+        "python-names.md": _python_names(),
+        "citation.md": _citation(docs.parent / "CITATION.cff"),
         "sweep-columns.md": columns_as_markdown(),
     }.items():
         path, text = folder / name, text.rstrip() + "\n"
@@ -56,6 +65,32 @@ def _write_virtual_display(eia: Path, folder: Path) -> None:
         view_eia(codes, folder / "virtual-display.html", "fine", most_bytes=500_000)
 
 
+def _python_names() -> str:
+    """Table of all public names with their first sentences."""
+    names = "\n   ".join(f"inim.{name}" for name in inim.__all__ if name != "__version__")
+    return f"```{{eval-rst}}\n.. autosummary::\n   :nosignatures:\n\n   {names}\n```"
+
+
+def _citation(path: Path) -> str:
+    """BibTeX entry of the project."""
+    entry = yaml.safe_load(path.read_text("utf-8"))
+    fields = {
+        "title": f"{{{entry['title']}}}",
+        "author": f"{{{entry['authors'][0]['name']}}}",
+        "version": entry["version"],
+    }
+    lines = "".join(f"  {name} = {{{value}}},\n" for name, value in fields.items())
+    return f"```bibtex\n@software{{inim,\n{lines}}}\n```"
+
+
+def gallery_links(call: str, pattern: str) -> str:
+    """Links to the gallery's examples of a function or command, or an empty string.
+
+    `pattern` is the markup of a link, with fields for title and target.
+    """
+    return ", ".join(pattern.format(e.title, f"example-{e.name}") for e in examples_with(call))
+
+
 def _commands() -> str:
     """Help texts of all commands."""
     os.environ["COLUMNS"] = "88"
@@ -65,8 +100,10 @@ def _commands() -> str:
         parser = argparse.ArgumentParser(prog=f"inim {name}")
         command.add_arguments(parser)
         text = f"{parser.format_help()}\nexample:\n  {command.example}\n"
-        parts.append(f"## inim {name}\n\n{command.summary}\n\n```text\n{text}```\n")
-    return "\n".join(parts)
+        parts += [f"## inim {name}", command.summary, f"```text\n{text}```"]
+        links = gallery_links(f"inim {name}", "[{}](#{})")
+        parts += [f"Gallery: {links}"] if links else []
+    return "\n\n".join(parts)
 
 
 #: A shared part with more properties than this has a separate table.

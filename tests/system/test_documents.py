@@ -12,6 +12,7 @@ from urllib.parse import unquote
 
 import pytest
 
+from reports.gallery.examples import read_examples
 from tests.chromium import browser
 from tests.documents import ROOT, pages, run_page
 
@@ -91,3 +92,6 @@ def test_commands_of_a_page_work(page, tmp_path, tmp_path_factory):
     shared = base.parent if "PYTEST_XDIST_WORKER" in os.environ else base
     for _ in run_page(page, tmp_path, shared / "cache of pages"):
         pass
+    if page == "docs/gallery.md":
+        for example in read_examples():
+            assert list((tmp_path / "inim").rglob(f"{example.name}.png")), example.title

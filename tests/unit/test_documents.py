@@ -1,10 +1,13 @@
 """The documents keep to the program: what drifts is found here, without running anything slow.
 
 Expected: every command parses, every block of Python compiles, every link leads somewhere, README
-is short, and pages quote the examples that the tests run.
+is short, pages quote the examples that the tests run, each picture of the gallery has complete
+code, and the Python reference has all public names.
 """
 
 import argparse
+import ast
+import builtins
 import re
 import shlex
 from importlib import import_module
@@ -12,12 +15,17 @@ from pathlib import Path
 
 import pytest
 
+import inim
 from inim.cli.main import COMMANDS
 from inim.system import errors
+from reports.gallery.examples import Example, read_examples
 from tests.documents import ROOT, blocks, check_syntax, commands, pages
 
 EXAMPLES = ROOT / "tests" / "example_package"
 MOST_CHARACTERS_OF_README = 7_000
+GALLERY = "docs/gallery.md"
+MOST_LINES_OF_AN_EXAMPLE = 15
+MOST_BYTES_OF_THE_GALLERY = 300_000
 _LINK = re.compile(r"\]\(([^)\s]*)\)")
 _CODE = re.compile(r"```.*?```|`[^`\n]*`", re.S)
 
@@ -62,6 +70,38 @@ def test_its_links_lead_somewhere(page):
 
 def test_readme_is_short():
     assert len((ROOT / "README.md").read_text("utf-8")) <= MOST_CHARACTERS_OF_README
+
+
+def test_every_picture_of_the_gallery_has_an_example_whose_code_writes_it():
+    examples, folder = read_examples(), ROOT / "docs/images/gallery"
+    pictures = re.findall(r"\]\((images/.+)\)", (ROOT / GALLERY).read_text("utf-8"))
+    assert pictures == [example.picture for example in examples] and len(pictures) > 10
+    assert {path.name for path in folder.iterdir()} == {f"{e.name}.webp" for e in examples}
+    assert sum(path.stat().st_size for path in folder.iterdir()) < MOST_BYTES_OF_THE_GALLERY
+    code = [block.text for block in blocks(GALLERY) if block.not_run is None]
+    assert code == [example.code for example in examples]
+
+
+@pytest.mark.parametrize("example", read_examples(), ids=lambda example: example.name)
+def test_an_example_of_the_gallery_is_short_and_needs_no_other(example: Example):
+    lines = [line for line in example.code.splitlines() if line and "import" not in line]
+    assert len(lines) <= MOST_LINES_OF_AN_EXAMPLE
+    if example.language == "python":
+        assert names_without_definition(example.code) == set()
+
+
+def names_without_definition(code: str) -> set[str]:
+    names = [node for node in ast.walk(ast.parse(code)) if isinstance(node, ast.Name)]
+    imports = [n for n in ast.walk(ast.parse(code)) if isinstance(n, ast.Import | ast.ImportFrom)]
+    defined = {node.id for node in names if isinstance(node.ctx, ast.Store)}
+    defined |= {a.asname or a.name.partition(".")[0] for node in imports for a in node.names}
+    return {node.id for node in names} - defined - set(dir(builtins))
+
+
+def test_the_python_reference_has_all_public_names():
+    text = (ROOT / "docs/reference/python.md").read_text("utf-8")
+    described = set(re.findall(r"^\.\. auto\w+:: inim\.(\w+)$", text, re.M))
+    assert described == set(inim.__all__) - {"__version__"}
 
 
 def test_exit_codes_are_the_program_s():

@@ -18,11 +18,8 @@ from inim.scores.document_parts import DerivedDisplay
 from tests.schemas import assert_schema, example, read_document
 
 ROOT = Path(__file__).parents[2]
-# Of the gallery only its reports are documents; the rest is what its page is made of.
 OWN_KIND = {
     *(ROOT / f"reports/{name}/{name}.json" for name in ("reality", "scoreboard")),  # no tag yet
-    *ROOT.glob("reports/gallery/**/entry.json"),
-    ROOT / "reports/gallery/gallery.json",
     # Studies, whose class reads them, and results of earlier versions of the bench.
     *(
         path
