@@ -9,7 +9,7 @@ from pathlib import Path
 
 PAGE = Path(__file__).parents[2] / "docs" / "gallery.md"
 _EXAMPLE = re.compile(
-    r"^\(example-(?P<name>[\w-]+)\)=\n### (?P<title>.+)\n(?P<body>.*?)(?=^\(example-|^## |\Z)",
+    r"^\(example-(?P<name>[\w-]+)\)=\n### (?P<title>[^\n]+)\n(?P<body>.*?)(?=^\(example-|^## |\Z)",
     re.M | re.S,
 )
 _PICTURE = re.compile(r"^!\[(.+)\]\((images/gallery/.+)\)$", re.M)

@@ -33,7 +33,7 @@ from reports.gallery.pictures import (
 RUNS = Path("out", "gallery")
 IMAGES = PAGE.parent / "images"
 #: Width of the largest picture of an example.
-_WIDEST_PX = 1024
+_WIDEST_PX = 1280
 
 
 def make_picture(example: Example) -> None:
