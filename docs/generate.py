@@ -29,7 +29,7 @@ sys.path.insert(0, str(Path(__file__).parents[1]))  # the project's own folders
 from reports.gallery.examples import cards, examples_with, read_examples
 
 #: Examples on the front page.
-_FRONT = ("relics", "zone", "museum-room")
+_FRONT = ("relics", "algorithms", "zone", "inspect", "looking-glass", "museum-room")
 
 __all__ = ["write"]
 

@@ -18,7 +18,6 @@ from tests.chromium import browser
 
 #: Number of lenses along a side of the magnified part of the panel.
 _LENSES_MAGNIFIED = 12
-_QUALITY = 85
 
 
 def picture(path: Path) -> Image.Image:
@@ -27,9 +26,9 @@ def picture(path: Path) -> Image.Image:
         return image.convert("RGB")
 
 
-def save_small(image: Image.Image, path: Path) -> None:
+def save_small(image: Image.Image, path: Path, quality: int = 85) -> None:
     """Write a strongly compressed picture."""
-    image.save(path, quality=_QUALITY, method=6)
+    image.save(path, quality=quality, method=6)
 
 
 def photograph_report(run: Path, out: Path) -> None:

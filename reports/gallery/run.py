@@ -33,7 +33,8 @@ from reports.gallery.pictures import (
 RUNS = Path("out", "gallery")
 IMAGES = PAGE.parent / "images"
 #: Width of the largest picture of an example.
-_WIDEST_PX = 1280
+_WIDEST_PX = 1024
+_QUALITY = 75
 
 
 def make_picture(example: Example) -> None:
@@ -48,7 +49,7 @@ def make_picture(example: Example) -> None:
         (written,) = Path(folder).rglob(f"{example.name}.png")
         image = picture(written)
         image.thumbnail((_WIDEST_PX, _WIDEST_PX))
-        save_small(image, PAGE.parent / example.picture)
+        save_small(image, PAGE.parent / example.picture, _QUALITY)
 
 
 def validate(folder: Path, scene: str, options: Sequence[str]) -> Path:
