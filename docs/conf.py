@@ -37,6 +37,7 @@ html_title = f"inim {version}"
 html_static_path = ["static"]
 html_extra_path = ["generated/site"]
 html_css_files = ["site.css"]
+html_search_scorer = str(HERE / "search-scorer.js")
 html_theme_options = {"navigation_with_keys": True}
 
 myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath", "html_image"]

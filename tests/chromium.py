@@ -60,9 +60,9 @@ class Tab:
         """Send a DevTools command and return its result."""
         return self._devtools.send(method, params)
 
-    def open(self, path: Path) -> None:
+    def open(self, path: Path, query: str = "") -> None:
         """Load a file with its pictures."""
-        self._page.goto(path.resolve().as_uri())
+        self._page.goto(path.resolve().as_uri() + query)
 
     def size(self, width: int, height: int, *, mobile: bool = False) -> None:
         """Set the viewport size in CSS pixels."""

@@ -74,6 +74,15 @@ def test_no_page_is_wider_than_a_phone(site, tmp_path):
 
 
 @pytest.mark.slow
+def test_search_finds_the_page_about_the_words_first(site):
+    with browser() as tab:
+        tab.open(site / "search.html", "?q=looking+glass")
+        tab.until("document.querySelector('#search-results li a') !== null")
+        first = tab.evaluate("document.querySelector('#search-results li a').textContent")
+    assert first in {"Pictures for a Looking Glass", "Gallery > A Looking Glass"}
+
+
+@pytest.mark.slow
 def test_notebooks_run(tmp_path):
     pytest.importorskip("myst_nb")
     pages = build(tmp_path, "-D", "nb_execution_mode=force")
