@@ -46,8 +46,8 @@ def make_picture(example: Example) -> None:
         shutil.copytree(PAGE.parents[1] / "scenes", Path(folder, "scenes"))
         environment = {**os.environ, "PATH": tools, "MPLBACKEND": "agg"}
         subprocess.run([*words, example.code], cwd=folder, env=environment, check=True)
-        (written,) = Path(folder).rglob(f"{example.name}.png")
-        image = picture(written)
+        (result,) = Path(folder).rglob(f"{example.name}.png")
+        image = picture(result)
         image.thumbnail((_WIDEST_PX, _WIDEST_PX))
         save_small(image, PAGE.parent / example.picture, _QUALITY)
 
