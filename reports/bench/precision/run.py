@@ -31,8 +31,8 @@ ALGORITHMS = "template,wang2024"
 ERROR = 0.01
 
 
-def validation(scene: Path, code: Path, *further: str) -> dict[str, float]:
-    """Seconds of a validation by the code of a checkout, and its headline's half width."""
+def validate(scene: Path, code: Path, *further: str) -> tuple[float, dict[str, Any]]:
+    """Seconds of a validation by the code of a checkout, and its report."""
     with tempfile.TemporaryDirectory() as out:
         words = ["inim.validate", str(scene.resolve()), "--quiet", "--algorithms", ALGORITHMS]
         words += ["-D", f"inim.score_error={ERROR}", *further]
@@ -40,7 +40,7 @@ def validation(scene: Path, code: Path, *further: str) -> dict[str, float]:
         variables["PYTHONSAFEPATH"] = "1"  # not the code of the working folder
         seconds = run_validation([*words, "-o", out], variables, f"{scene.name}, {code}")["seconds"]
         report = json.loads(Path(out, "report.json").read_text("utf-8"))
-    return {"seconds": seconds, "half_width": half_width(report)}
+    return seconds, report
 
 
 def half_width(report: Mapping[str, Any]) -> float:
@@ -57,10 +57,11 @@ def measure(scene: Path, other: Path, runs: int) -> dict[str, list[dict[str, flo
     codes = {"this": ROOT, "other": other}
     results: dict[str, list[dict[str, float]]] = {name: [] for name in codes}
     for code in codes.values():
-        validation(scene, code, "--preview")
+        validate(scene, code, "--preview")
     for _ in range(runs):
         for name, code in codes.items():
-            results[name].append(validation(scene, code))
+            seconds, report = validate(scene, code)
+            results[name].append({"seconds": seconds, "half_width": half_width(report)})
     return results
 
 
