@@ -41,7 +41,7 @@ GOALS = {("phone", ALGORITHMS[0]): 60, ("phone", ALGORITHMS[1]): 15}
 # Of a frame: movement in pixels and mm, noise in mm at 1 m, share of further holes.
 _MOVED_PX, _MOVED_MM, _NOISE_MM, _HOLES = 20, 60, 1.5, 0.01
 # A sequence ends after so many frames; or after so many seconds, with at least so many frames.
-_MOST_FRAMES, _MOST_S, _LEAST_FRAMES = 120, 60, 10
+_MOST_FRAMES, _MOST_S, _LEAST_FRAMES = 120, 20, 20
 
 
 def frames(color: np.ndarray, depth: np.ndarray) -> Iterator[tuple[np.ndarray, np.ndarray]]:
