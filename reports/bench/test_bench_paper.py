@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from inim.generators import find_sources
+from inim.generators import DEFAULT, find_sources
 from reports.bench.paper import inputs, run
 from reports.bench.paper.claims import claims, median_interval, verdict
 from reports.bench.paper.experiments import COMPILED, GU, LI, LOOPS, NUMPY, TEMPLATE
@@ -78,12 +78,12 @@ def results(ratio, growth=1.0):
     """Results in which rivals take `ratio` times as long as all readings, at any size."""
 
     def times(size):
-        us = {**dict.fromkeys(READINGS, 1.0), GU: ratio, LI: ratio, TEMPLATE: 1e-4}
+        us = {**dict.fromkeys(READINGS, 1.0), GU: ratio, LI: ratio, TEMPLATE: 1e-4, DEFAULT: 1e-3}
         us = {name: [v * size ** (growth - 1) if name in READINGS else v] * 6
               for name, v in us.items()}  # fmt: skip
         return {name: dict.fromkeys((LOOPS, NUMPY, COMPILED), v) for name, v in us.items()}
 
-    methods = (*READINGS, GU, LI, TEMPLATE)
+    methods = (*READINGS, GU, LI, TEMPLATE, DEFAULT)
     step = {name: [0.1, 0.05, 0.15] for name in (GU, LI)}
     quality = {
         "covered": 1.0, "psnr": {name: 20.0 + (name == TEMPLATE) for name in methods},

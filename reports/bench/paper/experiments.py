@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.generators import colour_of, li2012
+from inim.generators import DEFAULT, colour_of, li2012
 from inim.generators.base import HOLE
 from inim.image.rgbd import RGBD
 from inim.pipeline.timing import prepare_method, to_srgb_rgba
@@ -111,7 +111,7 @@ def _calls(display: Display, rgbd: RGBD, lenses: slice) -> _Calls:
 def _compiled_calls(display: Display, rgbd: RGBD) -> _Calls:
     """Calls that generate whole EIAs: inim's algorithms, and the reading that is none of them."""
     ready, pixels = to_srgb_rgba(rgbd), math.prod(display.eia_shape)
-    algorithms = {**ALGORITHMS, **{name: name for name in (GU, LI, TEMPLATE)}}
+    algorithms = {**ALGORITHMS, **{name: name for name in (GU, LI, TEMPLATE, DEFAULT)}}
     calls: _Calls = {
         (name, COMPILED): (prepare_method(algorithm, ready, display).run, pixels)
         for name, algorithm in algorithms.items()

@@ -8,17 +8,28 @@ from statistics import fmean, median
 from typing import Any
 
 from inim.apps.bench.page import TIME, milliseconds
+from inim.generators import DEFAULT
 from inim.report.labels import number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.paper.claims import FORMS, LEVEL, RIVALS, claims, ratio_interval
-from reports.bench.paper.experiments import COMPILED, FIGURES, GU, LI, LOOPS, NUMPY, TEMPLATE
+from reports.bench.paper.experiments import (
+    COMPILED,
+    DEFAULT,
+    FIGURES,
+    GU,
+    LI,
+    LOOPS,
+    NUMPY,
+    TEMPLATE,
+)
 from reports.bench.paper.inputs import COVERED, EMPTY, WAVES
-from reports.bench.paper.readings import READINGS, STRICT
+from reports.bench.paper.readings import READINGS, RECOMMENDED, STRICT
 from reports.bench.study import TIME_COLUMNS
 from reports.study import Results, table
 
-_METHODS = (*READINGS, GU, LI, TEMPLATE)
+_WITH_SOURCES = (*READINGS, GU, LI, TEMPLATE)
+_METHODS = (*_WITH_SOURCES, DEFAULT)
 
 
 def page(results: Results) -> tuple[list[str], list[PagePart]]:
@@ -38,7 +49,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
     rows = [([name], result["times"]) for name, result in inputs.items()]
     tables = [
         *_verdicts(claims(inputs, paper["figures"])), _deviations(inputs), *_quality(inputs),
-        *_ratios(inputs),
+        *_ratios(inputs), _default_ratios(inputs),
         *_times("Pictures of 200 x 200 pixels", ["picture"], rows),
     ]  # fmt: skip
     for figure, pictures in paper["figures"].items():
@@ -117,11 +128,12 @@ def _quality(inputs: Mapping[str, Any]) -> Iterator[Table]:
         "SSIM of the middle view": ("ssim", lambda v: _estimate(*v)),
     }
     for caption, (key, text) in texts.items():
+        methods = _WITH_SOURCES if key == "wrong" else _METHODS
         rows = [
-            [name, per_cent(q["covered"], 1), *(text(q[key][method]) for method in _METHODS)]
+            [name, per_cent(q["covered"], 1), *(text(q[key][method]) for method in methods)]
             for name, q in ((name, result["quality"]) for name, result in inputs.items())
         ]
-        yield Table(caption, ["picture", "covered", *_METHODS], rows)
+        yield Table(caption, ["picture", "covered", *methods], rows)
     pairs = [(GU, LI), *product(READINGS, RIVALS)]
     rows = [
         [f"{first} minus {second}"]
@@ -154,6 +166,17 @@ def _ratios(inputs: Mapping[str, Any]) -> Iterator[Table]:
                 ends = (ratio_interval(t[rival][other], t[reading][own]) for t in times)
                 rows.append([reading, form, *map(_interval, ends)])
         yield Table(f"{rival}'s time / reading's time", ["reading", "form", *inputs], rows)
+
+
+def _default_ratios(inputs: Mapping[str, Any]) -> Table:
+    """Time of the default algorithm, divided by the times of three others."""
+    rows = []
+    for name, result in inputs.items():
+        own = result["times"][DEFAULT][COMPILED]
+        others = (result["times"][other][COMPILED] for other in (TEMPLATE, GU, RECOMMENDED))
+        rows.append([name, *(_interval(ratio_interval(own, other)) for other in others)])
+    caption = "Time of template as it comes, four rays and colours between pixels, divided by"
+    return Table(caption, ["picture", TEMPLATE, GU, RECOMMENDED], rows)
 
 
 def _scaling_tables(scaling: Mapping[str, Any]) -> list[Table]:

@@ -2,18 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
-from functools import cache
+from functools import cache, partial
 from itertools import product
 from typing import Any
 
 import numpy as np
 
 from inim.display.viewpoint import parse_viewpoints
-from inim.generators import colour_of, find_sources
-from inim.generators.base import Sources
+from inim.generators import DEFAULT, colour_of, find_sources, generate
 from inim.image.noisy_image import NoisyEIA, NoisyImage
+from inim.image.rgbd import RGBD
 from inim.pipeline.stages.reconstruction import DisplayViews, Optics, reconstruct_views
 from inim.pipeline.stages.scene import Renderer
 from inim.pipeline.stages.stage import Run
@@ -52,7 +52,11 @@ def measure_quality(picture: Input) -> dict[str, Any]:
     sources = {name: sources_of(reading, DISPLAY, rgbd) for name, reading in READINGS.items()}
     sources |= {name: find_sources(rgbd, DISPLAY, name) for name in _RIVALS}
     exact = sources[TEMPLATE]
-    psnr = {name: psnr_db(picture.eia, colour_of(s, rgbd)) for name, s in sources.items()}
+    methods: dict[str, Callable[[RGBD], np.ndarray]] = {
+        name: partial(colour_of, s) for name, s in sources.items()
+    }
+    methods[DEFAULT] = partial(generate, display=DISPLAY, algorithm=DEFAULT)
+    psnr = {name: psnr_db(picture.eia, show(rgbd)) for name, show in methods.items()}
     deviations = {}
     flat = replace(rgbd, depth_mm=np.full(rgbd.shape, np.float32(DISPLAY.depth_range_mm[1])))
     changed = {PRINTED_DEPTHS: sources_of(Reading(), DISPLAY, flat)}
@@ -63,8 +67,8 @@ def measure_quality(picture: Input) -> dict[str, Any]:
             "db": psnr_db(picture.eia, colour_of(other, rgbd)) - psnr[RECOMMENDED],
         }
     scores = {
-        name: view_scores(picture.view, _view(s, picture), keys=[MAIN.key])[MAIN.key]
-        for name, s in sources.items()
+        name: view_scores(picture.view, _view(show, picture), keys=[MAIN.key])[MAIN.key]
+        for name, show in methods.items()
     }
     differences: dict[str, dict[str, list[float]]] = {}
     for name, rival in [(GU, LI), *product(READINGS, (GU, LI))]:
@@ -88,12 +92,11 @@ def _views() -> DisplayViews:
     return DisplayViews(eyes, optics, Renderer("auto", Observer()), run=Run())
 
 
-def _view(sources: Sources, picture: Input) -> NoisyImage:
-    """View of the EIA of copied colours; its replicates are those of the picture."""
+def _view(show: Callable[[RGBD], np.ndarray], picture: Input) -> NoisyImage:
+    """View of the EIA that a method shows; its replicates are those of the picture."""
     observed = None
     if picture.parts:
-        of_observed = sources[_views().observed][None]
-        observed = np.concatenate([colour_of(of_observed, part) for part in picture.parts])
-    eia = NoisyEIA((colour_of(sources, picture.rgbd), None), observed=observed)
+        observed = np.stack([show(part)[_views().observed] for part in picture.parts])
+    eia = NoisyEIA((show(picture.rgbd), None), observed=observed)
     (view,) = reconstruct_views("", eia, _views(), run=Run()).values()
     return view
