@@ -9,13 +9,12 @@ from typing import Any
 
 from inim.apps.bench.page import TIME, milliseconds
 from inim.generators import DEFAULT
-from inim.report.labels import number, per_cent
+from inim.report.labels import MISSING, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table
 from reports.bench.paper.claims import FORMS, LEVEL, RIVALS, claims, ratio_interval
 from reports.bench.paper.experiments import (
     COMPILED,
-    DEFAULT,
     FIGURES,
     GU,
     LI,
@@ -42,7 +41,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         f"Times are compared within a round. Intervals are of the median, at {1 - LEVEL:.0%}.",
         f"Left out for want of files: {left_out}.",
         "A covered picture has 200 x 200 pixels, each with a surface. The ground truth of the "
-        "photograph and of the waves is the picture itself.",
+        "photograph and of the waves is the picture itself, shown by template as it comes.",
         "Loops and NumPy run on one thread and find sources only; loops read lists. Compiled "
         "methods also copy colours, for all lenses and on all threads.",
     ]
@@ -123,7 +122,7 @@ def _deviations(inputs: Mapping[str, Any]) -> Table:
 def _quality(inputs: Mapping[str, Any]) -> Iterator[Table]:
     """PSNR, other sources than those of `template`, holes, SSIM and its differences."""
     texts: dict[str, tuple[str, Callable[[Any], str]]] = {
-        "PSNR of the EIA, dB": ("psnr", lambda db: number(db, 2)),
+        "PSNR of the EIA, dB": ("psnr", lambda db: MISSING if db is None else number(db, 2)),
         "Panel pixels with another source than template": ("wrong", lambda v: per_cent(v, 1)),
         "SSIM of the middle view": ("ssim", lambda v: _estimate(*v)),
     }
