@@ -135,7 +135,9 @@ def _before_a_wall(path: Path, folder: Path) -> Any:
 
     if path.suffix != ".xml":
         path = new_scene(path, folder / "relic.xml", unit="any", up="y")
-    relic = open_scene(read_scene_file(path), DISPLAY, _SHARE).fit
+    alone = open_scene(read_scene_file(path), DISPLAY, _SHARE)
+    relic = alone.fit
+    names_of_shapes = [s.id() for s in alone.scene.shapes() if not s.is_emitter()]
     low, high = DISPLAY.depth_range_mm
     wall, bottom = low - _WALL * (high - low), low + _MARGIN * (high - low)
     place = np.diag([2 * DISPLAY.width_mm, 2 * DISPLAY.height_mm, 1, 1])
@@ -143,7 +145,7 @@ def _before_a_wall(path: Path, folder: Path) -> Any:
     names = f'value="{path.parent}/'
     text = re.sub(r'value="(?=meshes/|textures/)', names, path.read_text("utf-8"))
     numbers = " ".join(f"{value:.9g}" for value in (relic.world_from_display @ place).ravel())
-    rectangle = f"""<shape type="rectangle">
+    rectangle = f"""<shape type="rectangle" id="wall">
         <transform name="to_world"><matrix value="{numbers}"/></transform>
         <bsdf type="diffuse"><texture type="bitmap" name="reflectance">
             <string name="filename" value="{ROOT}/scenes/textures/wood.png"/>
@@ -153,7 +155,8 @@ def _before_a_wall(path: Path, folder: Path) -> Any:
     walled = folder / "walled.xml"
     walled.write_text(text.replace("</scene>", rectangle), "utf-8")
     allowed = (path.parent, ROOT / "scenes")
-    opened = open_scene(read_scene_file(walled, allowed=allowed), DISPLAY, _SHARE)
+    shapes = ",".join([*names_of_shapes, "wall"])  # or it would be left out as surroundings
+    opened = open_scene(read_scene_file(walled, allowed=allowed), DISPLAY, _SHARE, relic=shapes)
     squeeze = np.eye(4)
     squeeze[2, 2] = (high - bottom) / (high - wall)
     squeeze[2, 3] = bottom - wall * squeeze[2, 2]

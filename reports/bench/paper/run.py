@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any
 
 from inim.pipeline.timing import Rounds
+from inim.system.errors import InimError
 from inim.system.process.machine import cpu_model
 from reports.bench.paper.experiments import FIGURES, PICTURES, SAMPLE, time_all, time_figure
 from reports.bench.paper.inputs import COVERED, DISPLAY, EMPTY, files_of, read_input
@@ -39,6 +40,8 @@ def measure(part: str, runs: int, files: Sequence[Path] = ()) -> dict[str, Any]:
         }
         return {"runs": runs, "processor": cpu_model(), "figures": figures}
     source = read_input(part, files)
+    if part in COVERED and not source.rgbd.covered.all():
+        raise InimError(f"{part}: {source.rgbd.covered.mean():.1%} of the picture is covered")
     times = time_all(DISPLAY, source.rgbd, SAMPLE, runs)
     return {"quality": measure_quality(source), "times": times}
 
