@@ -3,8 +3,7 @@
     python -m reports.bench.growth.run scenes/amphora.xml -o reports/bench/growth
 
 Each point is a process of its own with an empty result cache, and changes one size of a small
-validation: `template`, 32 x 32 lenses of 17 x 17 pixels, one viewpoint, fixed samples. The last
-table has panels of 8K and 16K: what they take, or the error that says why they do not fit.
+validation: `template`, 32 x 32 lenses of 17 x 17 pixels, one viewpoint, fixed samples.
 """
 
 from __future__ import annotations
@@ -41,14 +40,14 @@ def _definitions(**changes: object) -> list[str]:
 
 def _points() -> dict[str, dict[int, list[str]]]:
     """Options of a validation by name of a size, and by size."""
-    one = ["--algorithms", "template", "--viewpoints", "centre"]
-    usual = [*_definitions(), *one]
+    centre = ["--algorithms", "template", "--viewpoints", "centre"]
+    usual = [*_definitions(), *centre]
 
     def lenses(count: int) -> list[str]:
-        return [*_definitions(lens_columns=count, lens_rows=count), *one]
+        return [*_definitions(lens_columns=count, lens_rows=count), *centre]
 
     def pixels(count: int) -> list[str]:
-        return [*_definitions(pixel_pitch_mm=1 / count), *one]
+        return [*_definitions(pixel_pitch_mm=1 / count), *centre]
 
     eyes = [f"e{n}={12 * (n % 4) - 18} {12 * (n // 4) - 12} 400" for n in range(12)]
     per_pitch = (2, 4, 8, 16)
@@ -57,11 +56,11 @@ def _points() -> dict[str, dict[int, list[str]]]:
         "lenses": {n * n: lenses(n) for n in (16, 32, 64, 128)},
         "panel pixels per lens": {n * n: pixels(n) for n in (8, 16, 32, 64)},
         "picture pixels": {
-            (32 * n) ** 2: [*_definitions(capture_pixels_per_pitch=n), *one] for n in per_pitch
+            (32 * n) ** 2: [*_definitions(capture_pixels_per_pitch=n), *centre] for n in per_pitch
         },
-        "samples per panel pixel": {n: [*_definitions(eia_spp=n), *one] for n in samples},
+        "samples per panel pixel": {n: [*_definitions(eia_spp=n), *centre] for n in samples},
         "viewpoints": {
-            n: [*_definitions(), *one[:2], "--viewpoints", ",".join(eyes[:n])]
+            n: [*_definitions(), *centre[:2], "--viewpoints", ",".join(eyes[:n])]
             for n in (1, 3, 6, 12)
         },
         "algorithms": {
@@ -69,13 +68,6 @@ def _points() -> dict[str, dict[int, list[str]]]:
             for n in (1, 2, 3, 4)
         },
     }
-
-
-_LARGE = {
-    "7680 x 4320": {"lens_columns": 452, "lens_rows": 254},
-    "7680 x 4320, --lazy": {"lens_columns": 452, "lens_rows": 254},
-    "15360 x 8640, --lazy": {"lens_columns": 904, "lens_rows": 508},
-}
 
 
 def _run(scene: Path, words: Sequence[str]) -> dict[str, Any]:
@@ -88,7 +80,7 @@ def _run(scene: Path, words: Sequence[str]) -> dict[str, Any]:
     return {"seconds": run["seconds"], "peak_bytes": run["peak_bytes"]}
 
 
-def measure_sizes(scene: Path, name: str, runs: int) -> list[dict[str, Any]]:
+def measure(scene: Path, name: str, runs: int) -> list[dict[str, Any]]:
     """Fastest run of each value of a size; an uncounted run of all algorithms compiles kernels."""
     points = _points()[name]
     _run(scene, _points()["algorithms"][len(_ALGORITHMS)])
@@ -102,25 +94,9 @@ def measure_sizes(scene: Path, name: str, runs: int) -> list[dict[str, Any]]:
     return rows
 
 
-def measure_large(scene: Path) -> list[dict[str, Any]]:
-    """Panels of 8K and 16K with 8 samples per pixel."""
-    rows = []
-    for name, sizes in _LARGE.items():
-        words = [*_definitions(**sizes, capture_pixels_per_pitch=2, eia_spp=8)]
-        words += ["--algorithms", "template", "--viewpoints", "centre"]
-        rows.append({"name": name, **_run(scene, [*words, *name.split(", ")[1:]])})
-    return rows
-
-
-def measure(scene: Path, name: str, runs: int) -> list[dict[str, Any]]:
-    """Measure one size, or the large panels."""
-    return measure_large(scene) if name == "large" else measure_sizes(scene, name, runs)
-
-
 def page(results: Results) -> tuple[list[str], list[PagePart]]:
     """Exponents, times and memory by size, and one plot of all sizes."""
-    sizes = {name: rows for name, rows in results.items() if name != "large"}
-    rows = [_growth(name, points) for name, points in sizes.items()]
+    rows = [_growth(name, points) for name, points in results.items()]
     exponents = {
         "size": lambda r: r["name"],
         "from": lambda r: f"{r['sizes'][0]:,}",
@@ -130,15 +106,7 @@ def page(results: Results) -> tuple[list[str], list[PagePart]]:
         "MiB": lambda r: f"{r['mib'][0]:.0f} to {r['mib'][-1]:.0f}",
         "exponent of memory": lambda r: number(r["memory_exponent"], 2),
     }
-    large = {
-        "panel": lambda r: r["name"],
-        "seconds": lambda r: number(r["seconds"], 0) if "seconds" in r else "–",
-        "MiB": lambda r: f"{r['peak_bytes'] / 2**20:.0f}" if "peak_bytes" in r else "–",
-        "message": lambda r: r.get("message", "–"),
-    }
     tables = [table("Growth, between the two largest of four sizes", rows, exponents)]
-    if "large" in results:
-        tables.append(table("Large panels", results["large"], large))
     remark = "Exponents are those of the two largest sizes; the start of a process counts, too."
     return [remark], [PagePart("growth", "Growth", "", tables, "growth", _draw(rows))]
 
@@ -177,13 +145,11 @@ def arguments(parser: argparse.ArgumentParser) -> None:
     """Add the scene, the number of runs and the sizes."""
     parser.add_argument("scene", type=Path, metavar="SCENE", help="Mitsuba scene")
     parser.add_argument("--runs", type=int, default=1, help="counted runs of each size (1)")
-    parser.add_argument("--large", action="store_true", help="also panels of 8K and 16K")
 
 
 def cases(args: argparse.Namespace) -> dict[str, dict[str, Any]]:
     """One case for each size."""
-    names = [*_points(), *(["large"] if args.large else [])]
-    return {name: {"scene": args.scene, "name": name, "runs": args.runs} for name in names}
+    return {name: {"scene": args.scene, "name": name, "runs": args.runs} for name in _points()}
 
 
 STUDY = Study(
