@@ -3,7 +3,8 @@
 import numpy as np
 import pytest
 
-from inim.generators import DEFAULT, find_sources
+from inim.generators import find_sources
+from inim.generators.registry import DEFAULT
 from reports.bench.paper import inputs, run
 from reports.bench.paper.claims import claims, median_interval, verdict
 from reports.bench.paper.experiments import COMPILED, GU, LI, LOOPS, NUMPY, TEMPLATE

@@ -17,8 +17,9 @@ from typing import Any
 import numpy as np
 
 from inim.display import Display
-from inim.generators import DEFAULT, colour_of, li2012
+from inim.generators import colour_of, li2012
 from inim.generators.base import HOLE
+from inim.generators.registry import DEFAULT
 from inim.image.rgbd import RGBD
 from inim.pipeline.timing import prepare_method, to_srgb_rgba
 from inim.system.process.garbage import no_garbage_collection

@@ -8,7 +8,7 @@ from statistics import fmean, median
 from typing import Any
 
 from inim.apps.bench.page import TIME, milliseconds
-from inim.generators import DEFAULT
+from inim.generators.registry import DEFAULT
 from inim.report.labels import MISSING, number, per_cent
 from inim.report.plots import colour_of, marker_of, new_figure, plain_ticks, style
 from inim.report.study import PagePart, Table

@@ -11,7 +11,8 @@ from typing import Any
 import numpy as np
 
 from inim.display.viewpoint import parse_viewpoints
-from inim.generators import DEFAULT, colour_of, find_sources, generate
+from inim.generators import colour_of, find_sources, generate
+from inim.generators.registry import DEFAULT
 from inim.image.noisy_image import NoisyEIA, NoisyImage
 from inim.image.rgbd import RGBD
 from inim.pipeline.stages.reconstruction import DisplayViews, Optics, reconstruct_views
