@@ -139,6 +139,16 @@ def unequal_algorithms(data: ReportDocument) -> list[str]:
     return unequal_terms({n: result.terms for n, result in data.algorithms.items() if result.terms})
 
 
+def short_names(algorithms: Sequence[str]) -> dict[str, str]:
+    """Short names by algorithm: without the options that all of them have."""
+    options = [name.split(":")[1:] for name in algorithms]
+    common = set(options[0]).intersection(*options) if options else set()
+    return {
+        name: ":".join(part for part in name.split(":") if part not in common)
+        for name in algorithms
+    }
+
+
 def score(scores: Mapping[str, Any], key: str) -> str:
     """One of `scores` with the digits of its metric; ``hole_fraction`` in per cent.
 

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
-from inim.report.labels import is_number, last_digits, number, precise
+from inim.report.labels import is_number, last_digits, number, precise, short_names
 from inim.report.page import text_table
 from inim.scores.metrics import HEADLINE, find
 from inim.scores.regression.scores import INTERVAL_LEVEL
@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 REFERENCE = "reference"
 # What a row belongs to.
 _NAMES = ("relic", "algorithm", "viewpoint")
+# A score and the ends of its interval, of which each can be missing.
+_Estimate = tuple[float | None, float | None, float | None]
 _LATEX = str.maketrans({c: f"\\{c}" for c in "&%$#_{}"})
 
 
@@ -108,36 +110,57 @@ class ScoreTable:
         writer.writerows(self.rows)
         return stream.getvalue()
 
-    def to_latex(self, score: str = HEADLINE) -> str:
-        """A LaTeX table of one score, algorithms by viewpoints, for the package booktabs.
+    def to_latex(self, score: str = "", viewpoint: str = "") -> str:
+        """A LaTeX table of one score, a row for each algorithm, for the package booktabs.
 
-        Each cell has the score and half of its interval in units of the last digit:
-        ``0.955(2)``. The best algorithm of each relic and viewpoint is bold.
+        The columns are the viewpoints of one relic, or several relics. The best of each column is
+        bold. A cell has the score and half of its interval in units of the last digit:
+        ``0.955(2)``. A mean of several viewpoints has no interval. Options that all algorithms
+        have are left out of their names.
+
+        Parameters
+        ----------
+        score : str
+            By default the headline score, or the first if the table lacks it.
+        viewpoint : str
+            One viewpoint. By default a relic among several has the mean of all viewpoints.
+
+        Raises
+        ------
+        UsageError
+            The table has no such score or viewpoint.
         """
+        score = score or (HEADLINE if HEADLINE in self.scores else self.scores[0])
+        views = list(dict.fromkeys(row["viewpoint"] for row in self.rows))
+        for option, value, names in (
+            ("score", score, self.scores),
+            ("viewpoint", viewpoint or views[0], views),
+        ):
+            if value not in names:
+                raise UsageError(f"{option} {value}: {suggest_words(value, list(names))}")
         metric, digits = find(score), _digits(score)
-        views = list(dict.fromkeys((row["relic"], row["viewpoint"]) for row in self.rows))
-        is_single = len({relic for relic, _ in views}) == 1
-        heads = [view if is_single else f"{relic}, {view}" for relic, view in views]
-        missing = {score: None, f"{score}_low": None, f"{score}_high": None}
-        cells: dict[Any, dict[str, Any]] = defaultdict(lambda: missing)
-        cells |= {(row["algorithm"], (row["relic"], row["viewpoint"])): row for row in self.rows}
-        names = [n for n in dict.fromkeys(row["algorithm"] for row in self.rows) if n != REFERENCE]
-        lower = metric is not None and metric.better == "lower"
+        key = "relic" if len({row["relic"] for row in self.rows}) > 1 else "viewpoint"
+        cells: dict[str, dict[str, list[_Estimate]]] = defaultdict(lambda: defaultdict(list))
+        for row in self.rows:
+            if row["algorithm"] != REFERENCE and viewpoint in ("", row["viewpoint"]):
+                estimate = row[score], row[f"{score}_low"], row[f"{score}_high"]
+                cells[row["algorithm"]][row[key]].append(estimate)
+        columns = list(dict.fromkeys(column for row in cells.values() for column in row))
+        means = {n: {c: _mean(row[c]) for c in columns} for n, row in cells.items()}
+        best_of = min if metric is not None and metric.better == "lower" else max
         best = {
-            v: (min if lower else max)(
-                (x for n in names if is_number(x := cells[n, v][score])), default=None
-            )
-            for v in views
+            c: best_of((m[c][0] for m in means.values() if is_number(m[c][0])), default=math.nan)
+            for c in columns
         }
-        rows = []
-        for name in names:
-            row = [latex_text(name)]
-            for view in views:
-                text = _latex_cell(cells[name, view], score, digits)
-                is_best = best[view] is not None and cells[name, view][score] == best[view]
-                row.append(rf"\textbf{{{text}}}" if is_best else text)
-            rows.append(row)
-        return latex_table(["algorithm", *map(latex_text, heads)], rows)
+        rows = [
+            [latex_text(name)]
+            + [
+                _latex_cell(mean, digits, mean[0] == best[c])
+                for c, mean in means[algorithm].items()
+            ]
+            for algorithm, name in short_names([*means]).items()
+        ]
+        return latex_table(["algorithm", *map(latex_text, columns)], rows)
 
 
 def latex_text(text: str) -> str:
@@ -176,17 +199,26 @@ def _with_interval(row: dict[str, Any], score: str) -> str:
     return precise(value, interval, _digits(score))
 
 
-def _latex_cell(row: dict[str, Any], score: str, digits: int) -> str:
-    value, low, high = (row[name] for name in (score, f"{score}_low", f"{score}_high"))
+def _mean(estimates: Sequence[_Estimate]) -> _Estimate:
+    """Mean of estimates, without an interval if there are several; none if a value is missing."""
+    if len(estimates) == 1:
+        return estimates[0]
+    values = [value for value, *_ in estimates if is_number(value)]
+    return fmean(values) if values and len(values) == len(estimates) else None, None, None
+
+
+def _latex_cell(estimate: _Estimate, digits: int, is_best: bool) -> str:
+    value, low, high = estimate
     if not is_number(value):
         return "--"
     text = number(value, digits)
-    if not (is_number(low) and is_number(high)):
-        return text
-    if abs(high + low - 2 * value) <= 10.0**-digits:
-        return f"{text}({last_digits((high - low) / 2, digits)})"
-    above, below = (last_digits(part, digits) / 10**digits for part in (high - value, value - low))
-    return f"${text}^{{+{above:.{digits}f}}}_{{-{below:.{digits}f}}}$"
+    if is_number(low) and is_number(high):
+        if abs(high + low - 2 * value) > 10.0**-digits:
+            ends = (last_digits(part, digits) / 10**digits for part in (high - value, value - low))
+            text += "^{{+{:.{d}f}}}_{{-{:.{d}f}}}".format(*ends, d=digits)
+            return rf"$\mathbf{{{text}}}$" if is_best else f"${text}$"
+        text += f"({last_digits((high - low) / 2, digits)})"
+    return rf"\textbf{{{text}}}" if is_best else text
 
 
 @dataclass(frozen=True, repr=False)

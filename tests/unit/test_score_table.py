@@ -10,6 +10,7 @@ import msgspec
 import pytest
 
 from inim.report import Report
+from inim.report.labels import short_names
 from inim.report.score_table import ScoreTable, compare_algorithms
 from inim.system.errors import UsageError
 from tests.schemas import report_document
@@ -84,12 +85,33 @@ def test_latex_has_uncertain_digits_and_the_best_in_bold():
     assert text.count("\\begin") == text.count("\\end") == 1
 
 
+def test_latex_names_leave_out_the_options_of_all_algorithms():
+    names = ("template:samples=4:fill=none", "gu2020:fill=none:samples=4:colour=smooth")
+    text = report(**dict.fromkeys(names, (0.95, 0.9))).table().to_latex()
+    rows = [line.partition(" & ")[0] for line in text.splitlines() if "&" in line]
+    assert rows == ["algorithm", "template", "gu2020:colour=smooth"]
+    assert short_names(["template:samples=1", "gu2020"])["template:samples=1"] == (
+        "template:samples=1"
+    )
+
+
+def test_latex_of_a_table_without_the_headline_score_has_the_first():
+    table = ScoreTable(("psnr_db",), [{"relic": "jade", "algorithm": "a", "viewpoint": "centre",
+        "psnr_db": 30.0, "psnr_db_low": None, "psnr_db_high": None}])  # fmt: skip
+    assert r"a & \textbf{30.0} \\" in table.to_latex()
+    with pytest.raises(UsageError, match="score ssim"):
+        table.to_latex("ssim")
+
+
 def test_latex_has_both_errors_of_an_asymmetric_interval():
-    result = report(a=(0.95, 0.987))
+    result = report(a=(0.95, 0.987), b=(0.94, 0.986))
     precision = result.data.algorithms["a"].precision["left"][HEADLINE]
     clipped = msgspec.structs.replace(precision, interval=(0.981, 1.0))
-    result.data.algorithms["a"].precision["left"][HEADLINE] = clipped
-    assert "$0.987^{+0.013}_{-0.006}$" in result.table().to_latex()
+    for name in "ab":
+        result.data.algorithms[name].precision["left"][HEADLINE] = clipped
+    rows = result.table().to_latex().splitlines()
+    assert r"a & \textbf{0.950} & $\mathbf{0.987^{+0.013}_{-0.006}}$ \\" in rows
+    assert r"b & 0.940 & $0.986^{+0.014}_{-0.005}$ \\" in rows
 
 
 def test_paired_comparison_takes_one_observation_per_relic():
@@ -120,10 +142,17 @@ def test_a_table_of_several_relics_names_them_by_title_or_folder():
     assert {row["relic"] for row in table.rows} == {"first", "second"}  # their titles are equal
     lines = [line for line in table.to_latex().splitlines() if "&" in line]
     assert lines == [
-        r"algorithm & first, centre & first, left & second, centre & second, left \\",
-        r"a & \textbf{0.900} & \textbf{0.800(2)} & 0.700 & \textbf{0.600(2)} \\",
-        r"b & -- & -- & \textbf{0.950} & 0.500(2) \\",
+        r"algorithm & first & second \\",
+        r"a & \textbf{0.850} & 0.650 \\",
+        r"b & -- & \textbf{0.725} \\",
     ]
+    left = [line for line in table.to_latex(viewpoint="left").splitlines() if "&" in line]
+    assert left[1:] == [
+        r"a & \textbf{0.800(2)} & \textbf{0.600(2)} \\",
+        r"b & -- & 0.500(2) \\",
+    ]
+    with pytest.raises(UsageError, match="viewpoint lefd: did you mean left"):
+        table.to_latex(viewpoint="lefd")
     titles = [
         msgspec.structs.replace(r.data, title=name) for r, name in zip(reports, "xy", strict=True)
     ]
