@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -15,10 +14,23 @@ from inim.display.pixels import MM_PER_INCH
 from inim.image.color import srgb_from_linear
 from inim.image.files.image import read_exr, write_exr_parts
 from inim.report import TRUTH, plots
+from inim.report.figure_plots import (
+    FONT,
+    LETTER,
+    LINE,
+    Part,
+    Styles,
+    draw_time,
+    legend,
+    plot_height,
+    scores,
+    size_of,
+    styles_of,
+    wrapped,
+)
 from inim.report.labels import is_number, number
-from inim.report.score_table import REFERENCE, ScoreTable, named_relics
-from inim.report.sections.time_against_error import times_of
-from inim.scores.metrics import HEADLINE, HEADLINE_WORDS, MAIN, ssim_map
+from inim.report.score_table import REFERENCE, named_relics
+from inim.scores.metrics import HEADLINE, MAIN, ssim_map
 from inim.system.errors import FileError, UsageError, suggest_words
 from inim.system.process.atomic_file import write_atomically
 
@@ -30,12 +42,12 @@ PARTS = ("views", "errors", "scores", "time")
 #: Formats, by the file's name.
 FORMATS = (".pdf", ".svg", ".png", ".eps")
 _DPI = 300
-_PLOT_SHARE = 0.42  # height of a plot, of the figure's width
-_CAPTION_SHARE = 0.055
-_FONT = 7
+_TITLE = 1.6 * LINE
 _IMAGE_MARGINS = {"left": 0.005, "right": 0.995, "bottom": 0.01, "wspace": 0.03, "hspace": 0.03}
-_PLOT_MARGINS = {"left": 0.14, "right": 0.8, "bottom": 0.18, "top": 0.94}
-_HEADLINE_LINES = HEADLINE_WORDS.replace(", ", ",\n")
+_PLOTS = ("scores", "time")
+_ERROR_WORDS = (
+    f"1 − {MAIN.label} of the reference to the ground truth, and of the others to the reference"
+)
 
 
 class Inset(NamedTuple):
@@ -113,20 +125,24 @@ def draw_figure(reports: Sequence[Report], request: FigureRequest) -> Any:
     """Draw a figure of reports: a matplotlib Figure; errors as of `write_figure`.
 
     Each report has its own views, error maps and run times, below its title if there are several.
-    One plot has the scores of all.
+    One plot has the scores of all. Options that all algorithms have are left out of their names.
     """
     width = request.width_mm / MM_PER_INCH
     relics = named_relics(reports)
     requests = {relic: request.checked(report) for relic, report in relics.items()}
-    drawers: list[tuple[float, Callable[[Any], None]]] = []
-    for part in request.parts:
+    styles = styles_of([name for r in requests.values() for name in r.algorithms])
+    drawers: list[Part] = []
+    for n, part in enumerate(request.parts):
+        if styles and part in _PLOTS and not {*request.parts[:n]} & {*_PLOTS}:
+            drawers.append(legend(styles, width))
         if part == "scores":
-            drawers.append((_PLOT_SHARE * width, partial(_draw_scores, relics, requests)))
+            viewpoints = {relic: r.viewpoint for relic, r in requests.items()}
+            drawers.append(scores(relics, viewpoints, styles, width))
             continue
         for relic, report in relics.items():
-            size, draw = _part_of(part, report, requests[relic], width)
+            size, draw = _part_of(part, report, requests[relic], styles, width)
             if len(relics) > 1:
-                size, draw = size + _CAPTION_SHARE * width, partial(_draw_below, relic, size, draw)
+                size, draw = size + _TITLE, partial(_draw_below, relic, size, draw)
             drawers.append((size, draw))
     sizes = [size for size, _ in drawers]
     # Fixed margins: the solver of automatic layouts differs in the last bits from run to run.
@@ -137,26 +153,40 @@ def draw_figure(reports: Sequence[Report], request: FigureRequest) -> Any:
     return figure
 
 
+def _fitting_font(texts: Iterable[str], width: float) -> float:
+    """Size of the font with which the longest line has a width in inches, or less."""
+    longest = max(len(line) for text in texts for line in text.splitlines())
+    return min(FONT, FONT * width / (LETTER * longest))
+
+
 def _part_of(
-    part: str, report: Report, request: FigureRequest, width: float
-) -> tuple[float, Callable[[Any], None]]:
+    part: str,
+    report: Report,
+    request: FigureRequest,
+    styles: Styles,
+    width: float,
+) -> Part:
     """Height in inches and drawer of a report's part of a figure."""
     if part == "time":
-        return _PLOT_SHARE * width, partial(_draw_time, report, request)
+        return plot_height(width), partial(draw_time, report, request.algorithms, styles)
     images = _read_views(report, request.viewpoint, request.algorithms)
     rows, columns = next(iter(images.values())).shape[:2]
-    height = width / len(images) * rows / columns + _CAPTION_SHARE * width
+    view = width / len(images)
+    height = view * rows / columns
     if part == "errors":
-        return height, partial(_draw_errors, images)
-    inset = width / len(images) / len(request.insets) if request.insets else 0.0
-    return height + inset, partial(_draw_views, report, request, images)
+        words = wrapped(_ERROR_WORDS, width)
+        heading = (words.count("\n") + 1.5) * LINE
+        return height + heading, partial(_draw_errors, images, words, heading)
+    captions = {name: _caption(report, request, styles, name, view) for name in images}
+    heading = (max(text.count("\n") for text in captions.values()) + 1.5) * LINE
+    inset = view / len(request.insets) if request.insets else 0.0
+    return height + heading + inset, partial(_draw_views, request, images, captions, heading)
 
 
 def _draw_below(title: str, size: float, draw: Callable[[Any], None], part: Any) -> None:
     """Draw a part of `size` inches below a title."""
-    title_size = part.bbox.height / part.figure.dpi - size
-    top, body = part.subfigures(2, 1, height_ratios=(title_size, size))
-    top.text(0.005, 0.3, title, fontsize=_FONT + 1, fontweight="bold", color=plots.INK)
+    top, body = part.subfigures(2, 1, height_ratios=(_TITLE, size))
+    top.text(0.005, 0.3, title, fontsize=FONT + 1, fontweight="bold", color=plots.INK)
     draw(body)
 
 
@@ -196,27 +226,39 @@ def _error_map(images: dict[str, np.ndarray], name: str, image: np.ndarray) -> n
     return 1 - ssim_map(images[TRUTH if name == REFERENCE else REFERENCE], image)
 
 
-def _caption(report: Report, request: FigureRequest, name: str) -> str:
+def _caption(
+    report: Report,
+    request: FigureRequest,
+    styles: Styles,
+    name: str,
+    width: float,
+) -> str:
     """Name of a view with its headline score, of algorithms."""
     if name not in report.data.algorithms:
-        return {TRUTH: "ground truth", REFERENCE: "reference"}[name]
+        return wrapped({TRUTH: "ground truth", REFERENCE: "reference"}[name], width)
     value = report.data.algorithms[name].views[request.viewpoint].get(HEADLINE)
-    return f"{name}\n{number(value, 3)}" if is_number(value) else name
+    label = wrapped(styles[name]["label"], width)
+    return f"{label}\n{number(value, 3)}" if is_number(value) else label
 
 
 def _draw_views(
-    report: Report, request: FigureRequest, images: dict[str, np.ndarray], part: Any
+    request: FigureRequest,
+    images: dict[str, np.ndarray],
+    captions: Mapping[str, str],
+    heading: float,
+    part: Any,
 ) -> None:
     rows, columns = images[TRUTH].shape[:2]
     ratios = [rows / columns, *([1 / len(request.insets)] if request.insets else [])]
-    caption = _CAPTION_SHARE * len(images)  # in widths of a view, as the ratios
-    margins = _IMAGE_MARGINS | {"top": 1 - caption / (caption + sum(ratios))}
+    width, height = size_of(part)
+    font = _fitting_font(captions.values(), width / len(images))
+    margins = _IMAGE_MARGINS | {"top": 1 - heading / height}
     axes = part.subplots(
         len(ratios), len(images), squeeze=False, height_ratios=ratios, gridspec_kw=margins
     )
     for column, (name, image) in enumerate(images.items()):
         pixels = np.clip(srgb_from_linear(np.clip(image, 0, 1)), 0, 1)
-        _show(axes[0, column], pixels, _caption(report, request, name))
+        _show(axes[0, column], pixels, captions[name], font)
         if not request.insets:
             continue
         crops = []
@@ -224,7 +266,7 @@ def _draw_views(
             left, top, side = _square(inset, image.shape)
             crops.append(pixels[top : top + side, left : left + side])
             _frame(axes[0, column], left, top, side)
-        _show(axes[1, column], _side_by_side(crops), "")
+        _show(axes[1, column], _side_by_side(crops))
 
 
 def _square(inset: Inset, shape: tuple[int, ...]) -> tuple[int, int, int]:
@@ -255,83 +297,25 @@ def _frame(axis: Any, left: int, top: int, side: int) -> None:
     )
 
 
-def _show(axis: Any, pixels: np.ndarray, title: str, **options: Any) -> Any:
+def _show(
+    axis: Any, pixels: np.ndarray, title: str = "", font: float = FONT, **options: Any
+) -> Any:
     image = axis.imshow(pixels, interpolation="nearest", **options)
-    axis.set_title(title, fontsize=_FONT, color=plots.INK)
+    axis.set_title(title, fontsize=font, color=plots.INK, pad=3)
     axis.set_axis_off()
     return image
 
 
-def _draw_errors(images: dict[str, np.ndarray], part: Any) -> None:
-    names = [name for name in images if name != TRUTH]
-    margins = _IMAGE_MARGINS | {"right": 0.94}
+def _draw_errors(images: dict[str, np.ndarray], words: str, heading: float, part: Any) -> None:
+    """Draw the error maps below the views, and the colour bar below the ground truth."""
+    margins = _IMAGE_MARGINS | {"top": 1 - heading / size_of(part)[1]}
     axes = part.subplots(1, len(images), squeeze=False, gridspec_kw=margins)[0]
+    part.text(0.005, 0.99, words, va="top", fontsize=FONT, color=plots.SOFT)
     axes[0].set_axis_off()
-    axes[0].text(
-        0.5, 0.5, f"1 − {MAIN.label}\nreference: to the\nground truth;\nothers: to the\nreference",
-        ha="center", va="center", fontsize=_FONT, color=plots.SOFT, transform=axes[0].transAxes,
-    )  # fmt: skip
     last = None
-    for axis, name in zip(axes[1:], names, strict=True):
+    for axis, name in zip(axes[1:], [name for name in images if name != TRUTH], strict=True):
         error = _error_map(images, name, images[name])
-        last = _show(axis, error, "", cmap="magma", vmin=0, vmax=1)
-    bar = part.colorbar(last, cax=part.add_axes((0.95, 0.1, 0.012, 0.8)))
-    bar.ax.tick_params(labelsize=_FONT - 1)
-
-
-def _draw_scores(
-    relics: Mapping[str, Report], requests: Mapping[str, FigureRequest], part: Any
-) -> None:
-    """Plot the scores of all viewpoints of a report, or of the views shown of several relics."""
-    table, is_single = ScoreTable.of([*relics.values()], [HEADLINE]), len(relics) == 1
-    key = "viewpoint" if is_single else "relic"
-    groups = next(iter(relics.values())).data.viewpoint_names if is_single else [*relics]
-    shown_rows = [
-        row
-        for row in table.rows
-        if is_number(row[HEADLINE])
-        and (is_single or row["viewpoint"] == requests[row["relic"]].viewpoint)
-    ]
-    names = list(dict.fromkeys(name for r in requests.values() for name in r.algorithms))
-    axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
-    for n, name in enumerate(names):
-        rows = [row for row in shown_rows if row["algorithm"] == name]
-        if not rows:
-            continue
-        places = [groups.index(row[key]) for row in rows]
-        offset = (n - (len(names) - 1) / 2) * 0.6 / len(names)
-        values = np.array([row[HEADLINE] for row in rows])
-        ends = [[row[f"{HEADLINE}_{end}"] for row in rows] for end in ("low", "high")]
-        low, high = (np.array([math.nan if end is None else end for end in side]) for side in ends)
-        axis.errorbar(
-            np.array(places) + offset, values, [values - low, high - values],
-            fmt=plots.marker_of(name), color=plots.colour_of(name), markersize=4, capsize=2,
-            linewidth=0.8, label=name.replace("$", r"\$"),
-        )  # fmt: skip
-    plots.style(axis, "", f"{key}, with 95 % intervals", _HEADLINE_LINES)
-    axis.set_xticks(range(len(groups)), groups)
-    axis.legend(fontsize=_FONT, frameon=False, loc="center left", bbox_to_anchor=(1, 0.5))
-
-
-def _draw_time(report: Report, request: FigureRequest, part: Any) -> None:
-    times, unit = times_of(report.data)
-    axis = part.subplots(gridspec_kw=_PLOT_MARGINS)
-    errors = {
-        name: 1 - score
-        for name in request.algorithms
-        if (score := report.data.mean(name, HEADLINE)) is not None
-    }
-    labels = plots.draw_time_against_error(
-        axis,
-        [
-            plots.TimedPoint(name, times[name], error, error)
-            for name, error in errors.items()
-            if name in times
-        ],
-    )
-    plots.style(axis, "", f"{unit} (↙ better)", f"1 − {_HEADLINE_LINES}")
-    axis.set_xscale("log")
-    axis.margins(0.25, 0.2)
-    plots.plain_ticks(axis)
-    axis.figure.canvas.draw()
-    plots.set_apart(axis, labels)
+        last = _show(axis, error, cmap="magma", vmin=0, vmax=1)
+    place = axes[0].inset_axes((0.1, 0.5, 0.8, 0.06))
+    bar = part.colorbar(last, cax=place, orientation="horizontal", ticks=(0, 0.5, 1))
+    bar.ax.tick_params(labelsize=FONT - 1)

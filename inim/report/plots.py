@@ -83,14 +83,14 @@ def _algorithm_property(algorithm: str, key: str) -> str | None:
     return value
 
 
-def style(axis: Any, title: str, x_label: str, y_label: str) -> None:
+def style(axis: Any, title: str, x_label: str, y_label: str, font: float = 9) -> None:
     """Set title and labels; draw a light grid and no box."""
     axis.set_title(title, loc="left", fontsize=10.5, color=INK)
-    axis.set_xlabel(x_label, fontsize=9, color=SOFT)
-    axis.set_ylabel(y_label, fontsize=9, color=SOFT)
+    axis.set_xlabel(x_label, fontsize=font, color=SOFT)
+    axis.set_ylabel(y_label, fontsize=font, color=SOFT)
     axis.grid(True, which="major", color=_LINE, linewidth=0.6)
     axis.set_axisbelow(True)
-    axis.tick_params(labelsize=8, colors=SOFT, which="both", length=2.5)
+    axis.tick_params(labelsize=font - 1, colors=SOFT, which="both", length=2.5)
     for side in ("top", "right"):
         axis.spines[side].set_visible(False)
     for side in ("left", "bottom"):
@@ -146,12 +146,13 @@ def save(figure: Any, folder: Path, name: str) -> None:
 def reproducible() -> Iterator[None]:
     """Draw equal files from equal data, in one thread at a time: matplotlib's settings are global.
 
-    Text stays text. A font here without some letter of a name is no reason for a warning: the
-    reader's fonts count.
+    Text stays text: PDF and EPS embed TrueType fonts, because publishers refuse Type 3. A font here
+    without some letter of a name is no reason for a warning: the reader's fonts count.
     """
     from matplotlib import rc_context
 
-    options = {"svg.hashsalt": "inim", "svg.fonttype": "none"}
+    options: dict[str, Any] = {"svg.hashsalt": "inim", "svg.fonttype": "none"}
+    options |= {"pdf.fonttype": 42, "ps.fonttype": 42}
     with _LOCK, rc_context(options), warnings.catch_warnings():
         warnings.simplefilter("ignore", UserWarning)
         yield
@@ -192,7 +193,7 @@ def draw_time_against_error(axis: Any, points: Sequence[TimedPoint]) -> list[Nam
 
     A point is grey, and its name smaller, where another beats it in both.
     """
-    front = on_front({point.name: (point.time, point.error) for point in points})
+    front = draw_front(axis, points)
     names = []
     for p in points:
         is_best = p.name in front
@@ -204,10 +205,16 @@ def draw_time_against_error(axis: Any, points: Sequence[TimedPoint]) -> list[Nam
         words = p.name.replace("$", r"\$")  # a dollar sign would begin a formula
         colour, size = (colour, 8) if is_best else (SOFT, 7)
         names.append(Name(words, p.time, p.value, colour, size))
+    return names
+
+
+def draw_front(axis: Any, points: Sequence[TimedPoint]) -> set[str]:
+    """Draw the Pareto front of points, and return the names on it."""
+    front = on_front({point.name: (point.time, point.error) for point in points})
     steps = sorted((p.time, p.value) for p in points if p.name in front)
     if steps:
         axis.step(*zip(*steps, strict=True), where="post", **LINES["front"])
-    return names
+    return front
 
 
 @dataclass(frozen=True)

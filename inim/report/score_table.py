@@ -149,7 +149,7 @@ class ScoreTable:
         means = {n: {c: _mean(row[c]) for c in columns} for n, row in cells.items()}
         best_of = min if metric is not None and metric.better == "lower" else max
         best = {
-            c: best_of((m[c][0] for m in means.values() if is_number(m[c][0])), default=math.nan)
+            c: best_of((x for m in means.values() if is_number(x := m[c][0])), default=math.nan)
             for c in columns
         }
         rows = [
