@@ -159,6 +159,6 @@ def draw_time(report: Report, algorithms: Sequence[str], styles: Styles, part: A
         low, high = min(p.time for p in points) / 2.5, max(p.time for p in points) * 2.5
         digits = (1, 2, 5) if high < 150 * low else (1,)
         ticks = [digit * 10.0**power for power in range(-9, 10) for digit in digits]
-        shown = [tick for tick in ticks if 1.1 * low <= tick <= high / 1.1]
-        axis.set_xticks(shown, [f"{tick:g}" for tick in shown])
+        labelled = [tick for tick in ticks if 1.1 * low <= tick <= high / 1.1]
+        axis.set_xticks(labelled, [f"{tick:g}" for tick in labelled])
         axis.set_xlim(low, high)
