@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -82,8 +83,17 @@ def _link_gallery(
         lines += ["", ".. rubric:: Gallery", "", links, ""]
 
 
+def _remove_back_links(
+    _app: Any, page: str, _template: str, context: dict[str, Any], _tree: Any
+) -> None:
+    """Remove the links from source code to the reference: those of some names are wrong."""
+    if page.startswith("_modules/"):
+        context["body"] = re.sub(r'<a class="viewcode-back".*?</a>', "", context["body"])
+
+
 def setup(app: Any) -> None:
     """Register the formulas and the links to the gallery with Sphinx."""
     app.add_html_math_renderer("mathml", (_math, None), (_display_math, None))
     # After numpydoc, which divides docstrings into sections.
     app.connect("autodoc-process-docstring", _link_gallery, priority=900)
+    app.connect("html-page-context", _remove_back_links)
