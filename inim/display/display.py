@@ -399,6 +399,16 @@ class Display:
         return float(low), float(high)
 
     @property
+    def traced_range_mm(self) -> tuple[float, float]:
+        """Depths through which rays are traced: the depth range, its end rounded down to float32.
+
+        A picture's depths are float32. One at the far end of the range may be rounded to a number
+        beyond it, and is still part of the picture.
+        """
+        low, high = self.depth_range_mm
+        return min(low, float(np.float32(low))), high
+
+    @property
     def exact_depth_range(self) -> tuple[Fraction, Fraction]:
         """Depth range before its ends are rounded."""
         if self.depth_min_mm is not None and self.depth_max_mm is not None:

@@ -67,7 +67,7 @@ def _sampled_depths(display: Display, step_mm: float) -> np.ndarray:
     # Whole numbers of a common part: their quotient is rounded once, as a fraction's is, and soon.
     parts = math.lcm(high.denominator, step.denominator)
     top, down = int(high * parts), int(step * parts)
-    return np.array([*((top - k * down) / parts for k in range(steps)), float(low)])
+    return np.array([*((top - k * down) / parts for k in range(steps)), display.traced_range_mm[0]])
 
 
 def _search(begin, end, u0, du, v0, dv, selected, depth, rows, columns, depths, sources):

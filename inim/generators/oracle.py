@@ -171,6 +171,7 @@ def first_hits_of(
 ) -> np.ndarray:
     """Source of each ray, (n,) int64: ``(layer * H + row) * W + column``, or `HOLE`."""
     low, high = map(display.exact_mm, display.depth_range_mm)
+    low = min(low, Fraction(display.traced_range_mm[0]))  # exact: it may be a float32
     columns_of_picture = column_layers(rgbd, columns)
     return np.array([_first_hit(line, *columns_of_picture, low, high) for line in lines], np.int64)
 

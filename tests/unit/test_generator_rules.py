@@ -262,6 +262,17 @@ def test_equal_landings_keep_the_mirror(shape, levels):
         assert np.array_equal(np.delete(named, middle, axis), np.delete(sources, middle, axis))
 
 
+@pytest.mark.parametrize("algorithm", ["template", SOLID, "gu2020", "layered"])
+@pytest.mark.parametrize("changes", [{}, {"lattice": "hexagonal"}, {"rotation_deg": 3.0}])
+def test_a_surface_at_an_end_of_the_depth_range_is_shown(algorithm, changes):
+    display = small_display(depth_min_mm=-24.1, depth_max_mm=24.1, **changes)
+    low, high = display.depth_range_mm
+    assert float(np.float32(low)) < low  # a float32 picture's far end is beyond the range
+    for z in (low, high):
+        rgbd = picture(np.full((300, 300), z), 0.25)
+        assert not (find_sources(rgbd, display, f"{algorithm}:fill=none") == HOLE).any()
+
+
 def test_pixel_on_the_array_is_skipped_and_extreme_depths_do_no_harm():
     display = small_display(4, 4, pixels=9)
     depth = np.zeros((9, 9))

@@ -154,7 +154,7 @@ def _find_runs(
     listed = slice(round(display.pixels_per_lens) if shares_directions(display) else None)
     columns, rows = (
         axis_runs(
-            CellRays(rays.start[listed], rays.slope[listed], rays.scale), display.depth_range_mm
+            CellRays(rays.start[listed], rays.slope[listed], rays.scale), display.traced_range_mm
         )
         for rays in cell_rays(shape, pixel_mm, display, offset)
     )

@@ -214,7 +214,7 @@ def rounded_up(values: np.ndarray) -> np.ndarray:
 
 def most_cells(display: Display, shape: tuple[int, int], pixel_mm: float) -> float:
     """Largest number of a picture's columns or rows that a ray crosses within the depth range."""
-    depths = display.depth_range_mm
+    depths = display.traced_range_mm
     if display.is_separable:
         rays = cell_rays(shape, pixel_mm, display)
         return float(max(axis.most_cells(depths) for axis in rays))

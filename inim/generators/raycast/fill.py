@@ -88,7 +88,7 @@ def _missing(
     share_rows(
         _fill, len(holes), holes, sources, down, across, rows, columns, *visible,
         STEEPEST * rgbd.pixel_mm, display.row_pitch_mm / display.pitch_mm,
-        display.depth_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
+        display.traced_range_mm[0], bool((visible.front > -np.inf).all()), colour, filled,
     )  # fmt: skip
     return holes[filled], colour[filled]
 

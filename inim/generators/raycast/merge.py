@@ -138,7 +138,7 @@ def merge(
     thin[is_closed] = back[is_closed]
     bins = _mark_walls(walls.points, pixel_mm, ends, shape)
     _end_solids(front, thin, bins, ends, THICKNESS_PX * pixel_mm, back)
-    sides = Sides.of(front, back, display.depth_range_mm, display.steepest_slopes, pixel_mm)
+    sides = Sides.of(front, back, display.traced_range_mm, display.steepest_slopes, pixel_mm)
     light, has_light = _side_colours(walls, sides, shape, pixel_mm)
     return [
         with_sides((front, back, color), sides, of_sides, has_light, pixel_mm)

@@ -182,7 +182,7 @@ def fits_tables(display: Display, shape: PictureShape, pixel_mm: float, layers: 
     if not per_pitch:
         return False
     columns, rows = (
-        2 + axis.most_cells(display.depth_range_mm) // per_pitch
+        2 + axis.most_cells(display.traced_range_mm) // per_pitch
         for axis in cell_rays(shape, pixel_mm, display)
     )
     lens_rows, lens_columns = display.layout.grid

@@ -170,7 +170,7 @@ class RayByRay:
         """Prepare a picture for all rays; see `SourceFinder`."""
         surfaces, selected = TracedSurfaces.of(columns_of(rgbd, self._rule)), self._rays.selected
         front = surfaces.fronts[0]
-        z_min, z_max = self._display.depth_range_mm
+        z_min, z_max = self._display.traced_range_mm
         # Just above the nearest surface: a cell left exactly at its depth counts.
         z_max = min(z_max, float(np.nextafter(np.float64(front.max()), np.inf)))
         above = _covered_above(front > -np.inf)
@@ -197,7 +197,7 @@ class RayByRay:
         """
         display, (height, width) = self._display, self._shape
         pitch, (panel_rows, panel_columns) = display.pixel_pitch_mm, display.eia_shape
-        farthest = max(map(abs, display.depth_range_mm)) / least_gap_mm(display)
+        farthest = max(map(abs, display.traced_range_mm)) / least_gap_mm(display)
         across, up = (
             ((1 + farthest) * crossing + pitch + self._pixel_mm) / self._pixel_mm
             for crossing in display.layout.farthest_crossings_mm

@@ -28,7 +28,7 @@ def trace_view(
     # In cells from the picture's left and upper border; rows count downwards.
     horizontal = (x / rgbd.pixel_mm + rgbd.shape[1] / 2, slope_x / rgbd.pixel_mm)
     vertical = (rgbd.shape[0] / 2 - y / rgbd.pixel_mm, -slope_y / rgbd.pixel_mm)
-    z_range = display.depth_range_mm
+    z_range = display.traced_range_mm
     share_rows(
         _trace_view, len(view), surfaces, rgbd.color, *horizontal, *vertical, *z_range, view, share
     )
