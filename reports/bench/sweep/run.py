@@ -23,9 +23,8 @@ from inim.apps.sweep.table import TABLE
 from inim.report.labels import number, per_cent
 from inim.report.study import PagePart
 from inim.system.cache import FOLDER_VARIABLE
-from inim.system.errors import EXIT_CHECK_FAILED, EXIT_PASSED, WorkerError
-from reports.bench.process import run_measured
-from reports.bench.study import doubts
+from inim.system.errors import WorkerError
+from reports.bench.study import doubts, run_validation
 from reports.study import CODE, ROOT, Results, Study, add_scenes, table
 
 _STUDY = ROOT / "scenes" / "study.toml"
@@ -49,12 +48,9 @@ def measure(scenes: Sequence[Path], workers: int) -> dict[str, Any]:
     with tempfile.TemporaryDirectory() as folder:
         study, out = Path(folder, "study.toml"), Path(folder, "out")
         study.write_text(_study_of(scenes), "utf-8")
-        words = [sys.executable, "-m", "inim", "sweep", str(study), "--workers", str(workers)]
+        words = ["inim", "sweep", str(study), "--workers", str(workers), "-o", str(out)]
         variables = {**os.environ, FOLDER_VARIABLE: str(Path(folder, "cache"))}
-        first, again = (run_measured([*words, "-o", str(out)], variables) for _ in range(2))
-        for run in (first, again):
-            if run["code"] not in (EXIT_PASSED, EXIT_CHECK_FAILED):
-                raise WorkerError(f"sweep: exit code {run['code']}: {run['message']}")
+        first, again = (run_validation(words, variables, "sweep") for _ in range(2))
         rows = read_table(out / TABLE).to_pylist()
     units = {row["unit"]: row["unit_seconds"] for row in rows if row["status"] == "ok"}
     if any(row["status"] != "ok" for row in rows):
